@@ -23,13 +23,13 @@ import numpy as np
 import torch
 from gymnasium import spaces
 
+from fluidstep.batch import Batch
 from swim2real.rl import UNDISTURBED, make_env, make_environments
 from swim2real.rl.body import Bodies
 from swim2real.rl.learner import Learner, RobotVecEnv
 from swim2real.rl.training import Trainer
 from swim2real.robots.fish import FISH
 from swim2real.settings import TRAIN_FREQ, TrainingSettings
-from swim2real.simulation.batch import Batch
 
 COUNT = TrainingSettings.environments
 SITES = Bodies(FISH, FISH.space.published).layout.seen

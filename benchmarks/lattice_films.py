@@ -29,11 +29,11 @@ from lattice_scenes import SCENES, random_film
 from lattice_truth import Array, Film
 from numpy.typing import NDArray
 
-from swim2real.errors import TrackingError
-from swim2real.tracking.markers import MarkerTracker
-from swim2real.tracking.opencv import CsrtTracker
-from swim2real.tracking.tracker import Tracker
-from swim2real.video import VideoReader
+from markertrack.tracking.markers import MarkerTracker
+from markertrack.tracking.opencv import CsrtTracker
+from markertrack.tracking.tracker import Tracker
+from markertrack.video import VideoReader
+from swimbase.errors import TrackingError
 
 WARM_UP = 2  # frames of a film that aren't timed: compiled code is loaded
 DOUBTFUL = 0.5  # confidence below which a position is doubtful, as for `quality`

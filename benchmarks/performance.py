@@ -21,11 +21,11 @@ import numba
 import numpy as np
 from mujoco import rollout
 
+from fluidstep.step import FastStep
 from swim2real.calibration import Problem
 from swim2real.demo.synthetic import SyntheticCamera, synthetic_reference
 from swim2real.robots.fish import FISH
 from swim2real.simulation import Simulator
-from swim2real.simulation.fast_step import FastStep
 from swim2real.simulation.stepper import Stepper
 from swim2real.trials import TrialSet
 

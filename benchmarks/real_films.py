@@ -20,13 +20,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from swim2real.errors import TrackingError
+from markertrack.points import load_points
+from markertrack.tracking.markers import MarkerTracker
+from markertrack.tracking.opencv import CsrtTracker
+from markertrack.tracking.tracker import Tracker
+from markertrack.video import VideoReader
 from swim2real.robots import load_robot
-from swim2real.tracking.markers import MarkerTracker
-from swim2real.tracking.opencv import CsrtTracker
-from swim2real.tracking.points import load_points
-from swim2real.tracking.tracker import Tracker
-from swim2real.video import VideoReader
+from swimbase.errors import TrackingError
 
 Array = NDArray[np.float64]
 VIDEOS = (".mp4", ".mov", ".avi", ".mkv")

@@ -14,16 +14,16 @@ import sys
 from collections.abc import Iterator
 from math import pi, sin
 
-from swim2real.deployment import FISH, RATE, XW540_T140, CommandTable, fish_motor
-from swim2real.deployment.bus import Bus
-from swim2real.deployment.motors import Motors
-from swim2real.deployment.schedule import real_time_priority
-from swim2real.deployment.sending import SendingResult, send
+from motorline import FISH, RATE, XW540_T140, CommandTable, fish_motor
+from motorline.bus import Bus
+from motorline.motors import Motors
+from motorline.schedule import real_time_priority
+from motorline.sending import SendingResult, send
 
 
 @contextlib.contextmanager
 def emulated_motor(baud: int) -> Iterator[str]:
-    words = [sys.executable, "-m", "swim2real.deployment.emulator", str(baud)]
+    words = [sys.executable, "-m", "emulator", str(baud)]
     with subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as program:
         yield program.stdout.readline().strip()
         program.stdin.close()

@@ -23,13 +23,13 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from pool import Filmed
 from tracking_clips import CSRT_CLIPS, SUITE, Array, Clip, random_clip
 
-from swim2real.errors import TrackingError
-from swim2real.rendering.pool import Filmed
-from swim2real.tracking.detection import DetectionTracker
-from swim2real.tracking.opencv import CsrtTracker
-from swim2real.video import VideoReader
+from markertrack.tracking.detection import DetectionTracker
+from markertrack.tracking.opencv import CsrtTracker
+from markertrack.video import VideoReader
+from swimbase.errors import TrackingError
 
 WARM_UP = 2  # frames of a clip that aren't timed: compiled code is loaded
 WRONG = 10.0  # px by which a marker that is reported may be off before it counts as a silent error

@@ -8,13 +8,14 @@ from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
+from pool import Filmed, Glare, Occluder, PoolCamera, PoolScene, film, scene
 from scipy.interpolate import CubicSpline
 
-from swim2real.errors import ArgumentError
-from swim2real.rendering.pool import Filmed, Glare, Occluder, PoolCamera, PoolScene, film, scene
+from markertrack.track import MarkerTrack
 from swim2real.robots.fish import FISH
 from swim2real.simulation import Simulator, Swim
-from swim2real.trials import Actuation, MarkerTrack
+from swim2real.trials import Actuation
+from swimbase.errors import ArgumentError
 
 Array = NDArray[np.float64]
 

@@ -14,13 +14,14 @@ from pathlib import Path
 
 import numpy as np
 
+from markertrack.track import MarkerTrack
 from swim2real.checks.mistakes import judged
 from swim2real.checks.probing import swing
 from swim2real.checks.resting import started
 from swim2real.robots import load_robot
 from swim2real.simulation import PlaybackSimulator
 from swim2real.simulation.playback import Rollout
-from swim2real.trials import MarkerTrack, Signals, Trial, TrialSet
+from swim2real.trials import Signals, Trial, TrialSet
 
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
 TRIALS, SECONDS, FPS, RATE = 3, 3.0, 60.0, 100.0

@@ -13,18 +13,19 @@ from pathlib import Path
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
+from pool import PoolCamera, film, scene
 
+from markertrack.camera_file import CameraFile, write_camera
+from markertrack.points import save_points
+from markertrack.track import MarkerTrack
 from swim2real.demo.synthetic import turned
-from swim2real.errors import ArgumentError, RunError
 from swim2real.parameters import Values
-from swim2real.rendering.pool import PoolCamera, film, scene
 from swim2real.robots.drives import TABLE, commands
 from swim2real.robots.robot import Robot, Trials
 from swim2real.simulation import PlaybackSimulator, Rollout
-from swim2real.tracking.camera_file import CameraFile, write_camera
-from swim2real.tracking.points import save_points
-from swim2real.trials import MarkerTrack, Signals, Trial, TrialSet
+from swim2real.trials import Signals, Trial, TrialSet
 from swim2real.trials.signals import write_signals
+from swimbase.errors import ArgumentError, RunError
 
 Array = NDArray[np.float64]
 

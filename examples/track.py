@@ -6,13 +6,14 @@ python examples/track.py [FOLDER]
 import sys
 from pathlib import Path
 
+from pool import Glare, PoolCamera
+
+from markertrack.camera_file import CameraFile, write_camera
 from swim2real.demo import film_swims
-from swim2real.errors import Swim2RealError
 from swim2real.pipeline import track_videos
-from swim2real.rendering.pool import Glare, PoolCamera
 from swim2real.robots.fish import FISH
 from swim2real.settings import TrackingSettings
-from swim2real.tracking.camera_file import CameraFile, write_camera
+from swimbase.errors import Swim2RealError
 
 
 def main(out: Path) -> None:

@@ -37,7 +37,7 @@ from swim2real.rl.training import train
 from swim2real.rl.training_run import TrainingRun
 from swim2real.robots import load_robot
 from swim2real.settings import TrainingSettings
-from swim2real.store import read_json, write_json
+from swimbase.store import read_json, write_json
 
 ANY_PHASE = (-math.pi, math.pi)
 SCAN_PHASES = tuple(np.linspace(*ANY_PHASE, 4, endpoint=False))

@@ -22,12 +22,13 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
+from markertrack.track import MarkerTrack
 from swim2real.calibration import Problem
 from swim2real.robots import load_robot
 from swim2real.settings import CalibrationSettings
 from swim2real.simulation import PlaybackSimulator
 from swim2real.simulation.playback import Rollout
-from swim2real.trials import MarkerTrack, Trial, TrialSet, load_reference, save_reference
+from swim2real.trials import Trial, TrialSet, load_reference, save_reference
 from swim2real.trials.signals import Signals
 
 SECONDS, FPS, NOISE, READING_NOISE = 4.0, 60.0, 5e-4, 2e-3

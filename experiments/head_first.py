@@ -12,9 +12,10 @@ from pathlib import Path
 
 import numpy as np
 
+from markertrack.track import MarkerTrack
 from swim2real.robots import load_robot
 from swim2real.simulation import Simulator, Swim
-from swim2real.trials import Actuation, MarkerTrack
+from swim2real.trials import Actuation
 
 FREQUENCIES, BEATS = np.linspace(0.35, 1.7, 10), 12
 

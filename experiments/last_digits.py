@@ -11,10 +11,11 @@ from pathlib import Path
 
 import numpy as np
 
+from markertrack.track import MarkerTrack
 from swim2real.pipeline import calibrate
 from swim2real.robots import load_robot
 from swim2real.settings import CalibrationSettings
-from swim2real.trials import MarkerTrack, TrialSet, load_reference
+from swim2real.trials import TrialSet, load_reference
 
 
 def shaken(reference, size, number):

@@ -17,12 +17,13 @@ from pathlib import Path
 
 import numpy as np
 
+from markertrack.track import MarkerTrack
 from swim2real.pipeline import calibrate
 from swim2real.robots import load_robot
 from swim2real.settings import CalibrationSettings
 from swim2real.simulation import PlaybackSimulator
 from swim2real.simulation.playback import Rollout
-from swim2real.trials import MarkerTrack, Trial, TrialSet
+from swim2real.trials import Trial, TrialSet
 
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
 UNTOLD = {"finger": {"air_density"}, "snake": {"joint_damping", "servo_damping"}}

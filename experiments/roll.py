@@ -14,10 +14,11 @@ from pathlib import Path
 import numpy as np
 from scipy.optimize import least_squares
 
+from markertrack import frames
 from swim2real.calibration.protocols import examine_swims
 from swim2real.objective.head import head_motion
 from swim2real.robots import load_robot
-from swim2real.trials import frames, load_reference
+from swim2real.trials import load_reference
 
 TIP, LOW, SEEN = 8, (3, 4, 5), 0.6  # markers; share of frames
 

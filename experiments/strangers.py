@@ -18,13 +18,14 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
+from markertrack.track import MarkerTrack
 from swim2real.calibration import Problem
 from swim2real.pipeline import calibrate
 from swim2real.robots import load_robot
 from swim2real.settings import CalibrationSettings
 from swim2real.simulation import PlaybackSimulator
 from swim2real.simulation.playback import Rollout
-from swim2real.trials import MarkerTrack, Trial, TrialSet
+from swim2real.trials import Trial, TrialSet
 from swim2real.trials.signals import Signals
 
 

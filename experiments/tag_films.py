@@ -12,9 +12,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from swim2real.errors import TrackingError
-from swim2real.tracking.opencv import TagTracker
-from swim2real.video import VideoReader, VideoWriter
+from markertrack.tracking.opencv import TagTracker
+from markertrack.video import VideoReader, VideoWriter
+from swimbase.errors import TrackingError
 
 WIDTH, HEIGHT, FPS, FRAMES, TAGS = 1280, 720, 60.0, 120, 6
 FINER = 4  # pixels of the drawing in a pixel of the film, along each side

@@ -10,8 +10,12 @@ from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 import numpy as np
+from pool import film, scene
 from scipy.interpolate import CubicSpline
 
+from markertrack.camera_file import CameraFile, write_camera
+from markertrack.points import save_points
+from markertrack.track import MarkerTrack
 from swim2real.calibration import Problem
 from swim2real.demo.example import CAMERA, hidden_values
 from swim2real.demo.synthetic import (
@@ -24,12 +28,9 @@ from swim2real.demo.synthetic import (
 )
 from swim2real.parameters import read_parameters
 from swim2real.pipeline import calibrate, track_videos
-from swim2real.rendering.pool import film, scene
 from swim2real.robots.fish import FISH
 from swim2real.settings import CalibrationSettings, TrackingSettings
-from swim2real.tracking.camera_file import CameraFile, write_camera
-from swim2real.tracking.points import save_points
-from swim2real.trials import MarkerTrack, Trial, TrialSet, load_reference, save_reference
+from swim2real.trials import Trial, TrialSet, load_reference, save_reference
 
 FREQUENCIES = (0.5, 0.75, 1.0, 1.25, 1.5, 1.75)  # Hz
 SECONDS = 5.0

@@ -12,21 +12,22 @@ from pathlib import Path
 
 import av
 import numpy as np
+from pool import Glare, PoolCamera, film, scene
 
+from markertrack.camera_file import CameraFile, write_camera
+from markertrack.cleaning import fill_gaps
+from markertrack.points import save_points
+from markertrack.quality import check_track
+from markertrack.track import MarkerTrack
+from markertrack.tracking.labeling import label_markers
+from markertrack.video import VideoReader
+from markertrack.video.damage import marked
+from markertrack.video.decoding import Picture
 from swim2real.demo.synthetic import placed_by_hand, steady_swims, turned
-from swim2real.errors import TrackingError
-from swim2real.rendering.pool import Glare, PoolCamera, film, scene
 from swim2real.robots.fish import FISH
-from swim2real.tracking import check_track
-from swim2real.tracking.camera_file import CameraFile, write_camera
-from swim2real.tracking.cleaning import fill_gaps
-from swim2real.tracking.labeling import label_markers
-from swim2real.tracking.points import save_points
-from swim2real.trials import MarkerTrack, load_reference
+from swim2real.trials import load_reference
 from swim2real.trials.pose_tables import read_dlc
-from swim2real.video import VideoReader
-from swim2real.video.damage import marked
-from swim2real.video.decoding import Picture
+from swimbase.errors import TrackingError
 
 CAMERA = PoolCamera(width=1280, height=720, glints=2.0)
 KINDS = {

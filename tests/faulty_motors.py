@@ -6,8 +6,8 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import Literal
 
-from swim2real.deployment import control_table as ct
-from swim2real.deployment.emulator import STATUS, Emulator, build_packet
+from emulator import STATUS, Emulator, build_packet
+from motorline import control_table as ct
 
 OVERLOAD = 0x20
 UNASKED = {"flood": bytes(range(256)), "chatter": build_packet(200, STATUS, bytes(5))}

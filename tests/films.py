@@ -6,15 +6,16 @@ from pathlib import Path
 
 import av
 import numpy as np
+from pool import Filmed, PoolCamera, film, scene
 
 import pools
+from markertrack.camera_file import CameraFile, write_camera
+from markertrack.points import save_points
+from markertrack.track import MarkerTrack
 from swim2real.demo import SyntheticCamera
 from swim2real.demo.synthetic import turned
-from swim2real.rendering.pool import Filmed, PoolCamera, film, scene
 from swim2real.robots.fish import FISH
-from swim2real.tracking.camera_file import CameraFile, write_camera
-from swim2real.tracking.points import save_points
-from swim2real.trials import MarkerTrack, Trial
+from swim2real.trials import Trial
 
 FREQUENCY = 1.5  # Hz
 LENGTH = 1.2  # s

@@ -6,7 +6,7 @@ import signal
 import time
 from pathlib import Path
 
-from swim2real.errors import TrialError
+from swimbase.errors import TrialError
 
 NAME = "unset"
 

@@ -6,11 +6,12 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 
+from markertrack.track import MarkerTrack
 from swim2real.parameters import Parameter, ParameterSpace
 from swim2real.robots.drives import TABLE, Drive
 from swim2real.robots.robot import Robot, Sensor, Trials
 from swim2real.simulation import PlaybackSimulator
-from swim2real.trials import MarkerTrack, Signals, Trial, TrialSet
+from swim2real.trials import Signals, Trial, TrialSet
 
 PENDULUM_XML = """
 <mujoco>

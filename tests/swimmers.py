@@ -4,8 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from markertrack.track import MarkerTrack
 from swim2real.robots.fish import FISH
-from swim2real.trials import MarkerTrack, Trial, TrialSet
+from swim2real.trials import Trial, TrialSet
 
 REST = FISH.rest_markers
 SIDEWAYS = 0.020  # m, how far off to the side a marker may be placed by hand

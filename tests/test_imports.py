@@ -32,9 +32,9 @@ def test_the_package_and_its_command_line_bring_nothing_heavy(statement):
     ("modules", "library"),
     [
         ("swim2real.trials, swim2real.objective, swim2real.optimizers", "mujoco"),
-        ("swim2real.video, swim2real.tracking.detection, swim2real.tracking.tracker", "mujoco"),
+        ("markertrack.video, markertrack.tracking.detection, markertrack.tracking.tracker", "mujoco"),
         # the package; its trackers are modules of it
-        ("swim2real.report, swim2real.rl, swim2real.viewing, swim2real.rendering, swim2real.tracking", "cv2"),
+        ("swim2real.report, swim2real.rl, swim2real.viewing, swim2real.rendering, markertrack.quality", "cv2"),
     ],
 )
 def test_rooms_without_a_camera_or_an_engine_need_none(modules, library):
@@ -49,7 +49,7 @@ def test_rooms_without_a_camera_or_an_engine_need_none(modules, library):
         "swim2real.demo",
         "swim2real.comparison, swim2real.report, swim2real.advisor",
         "swim2real.cli.subject, swim2real.cli.progress",
-        "swim2real.video, swim2real.rendering.pool, swim2real.rendering.overlay",
+        "markertrack.video, pool, markertrack.overlay",
         "swim2real.cli.robot_check, swim2real.cli.tables",
     ],
 )

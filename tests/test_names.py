@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swim2real.escaping import plain_markdown, visible
-from swim2real.names import LONGEST, composed, file_key, file_name_fault, label_fault, quoted
-from swim2real.store import write_text
+from swimbase.escaping import plain_markdown, visible
+from swimbase.names import LONGEST, composed, file_key, file_name_fault, label_fault, quoted
+from swimbase.store import write_text
 
 ORDINARY = (
     "f1_50", "pool 3, slow", "v1.2.3", "Flösselhecht", "übung 7", "-5 deg", "+10°",

@@ -13,8 +13,8 @@ from pathlib import Path
 import pytest
 
 import pool_work
-from swim2real.errors import ArgumentError, TrialError
 from swim2real.processes import ProcessDiedError, ProcessPool
+from swimbase.errors import ArgumentError, TrialError
 
 LINUX = pytest.mark.skipif(sys.platform != "linux", reason="no /proc to find a process in")
 

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from swim2real import store
 from swim2real.calibration import RunFolder
 from swim2real.comparison.compare import _WRITTEN as OF_COMPARISONS
-from swim2real.errors import RunError
+from swimbase import store
+from swimbase.errors import RunError
 
 
 @pytest.fixture
@@ -57,7 +57,7 @@ def test_a_folder_that_cant_be_written_leaves_nothing(small_files, tmp_path):
 KILLED = """
 import os, shutil, sys
 from pathlib import Path
-from swim2real import store
+from swimbase import store
 
 folder, name, when = Path(sys.argv[1]), sys.argv[2], int(sys.argv[3])
 owner, calls = (shutil if name == "rmtree" else Path), []

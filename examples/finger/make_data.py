@@ -8,8 +8,8 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
+from pool import PoolCamera
 
-from swim2real.rendering.pool import PoolCamera
 from swim2real.robots import load_robot
 from swim2real.robots.compiled import set_linear
 from swim2real.trials import Signals

@@ -7,8 +7,8 @@ import sys
 from pathlib import Path
 
 import mujoco
+from pool import PoolCamera
 
-from swim2real.rendering.pool import PoolCamera
 from swim2real.robots import load_robot
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))

@@ -16,10 +16,10 @@ import numpy as np
 import torch
 from measure import FREQUENCIES, LEAST_STRIDE, SAMPLES, way_in_a_beat
 
+from markertrack import frames
 from swim2real.advisor.physics.model import direction
 from swim2real.robots.fish import FISH
 from swim2real.robots.fish.response import fish_response, read_correction, read_response
-from swim2real.trials import frames
 
 SUBSET, ROUNDS, RATE = 1000, 150, 0.08  # sets, rounds and rate of the search for a kernel
 LEAST_NOISE, MOST_COORDINATES, KEPT_VARIANCE = 0.02, 16, 0.998

@@ -12,7 +12,6 @@ from pathlib import Path
 from swim2real import comparison
 from swim2real.calibration import Outcome, Problem, RunFolder, RunSettings
 from swim2real.comparison import ComparisonProgress, ComparisonResults, make_plan
-from swim2real.errors import ArgumentError, EngineError
 from swim2real.objective import Comparison
 from swim2real.parameters import Values, read_parameters
 from swim2real.robots import recorded_robot
@@ -20,6 +19,7 @@ from swim2real.robots.robot import Robot
 from swim2real.settings import ComparisonSettings, EvaluationSettings, VlmAccess, all_cores
 from swim2real.simulation import Simulator, Swim
 from swim2real.trials import Actuation, TrialSet
+from swimbase.errors import ArgumentError, EngineError
 
 _START_SPEED = 0.1  # m/s, a first guess from which the steady cycle is found
 

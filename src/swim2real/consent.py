@@ -14,8 +14,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from swim2real.errors import ConsentError
-from swim2real.store import locked, read_json, write_json
+from swimbase.errors import ConsentError
+from swimbase.store import locked, read_json, write_json
 
 CODE, OUTSIDE = "--allow-code", "--allow-outside"
 OPTIONS = (CODE, OUTSIDE)

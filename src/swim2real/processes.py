@@ -22,7 +22,7 @@ from multiprocessing.process import BaseProcess
 from types import FrameType, TracebackType
 from typing import Any
 
-from swim2real.errors import ArgumentError, Swim2RealError
+from swimbase.errors import ArgumentError, Swim2RealError
 
 TRIES = 3  # of work whose process dies
 _CLEANING_TIME = 20.0  # s that an ended process has for removing what it has half done

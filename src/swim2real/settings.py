@@ -14,8 +14,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal, get_args
 
-from swim2real.errors import ArgumentError
-from swim2real.names import quoted
+from swimbase.errors import ArgumentError
+from swimbase.names import quoted
 
 Method = Literal[
     "line-search", "proposal-search", "random", "cma-es", "bayesopt", "least-squares", "multi-start", "mujoco-sysid",

@@ -5,12 +5,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from markertrack.track import MarkerTrack
 from recorded import PENDULUM
 from swim2real.objective import Comparison, compare_playback, evidence, playback_target
 from swim2real.optimizers import Candidate, Evaluation
 from swim2real.robots.drives import TABLE, Drive
 from swim2real.robots.robot import Robot, Sensor, Trials
-from swim2real.trials import MarkerTrack, Signals, Trial
+from swim2real.trials import Signals, Trial
 
 TIMES = 1.0 + np.arange(81) / 20  # from 1 to 5 s, windows of half a second
 LENGTHS = np.array([0.0, 0.2, 0.4])  # m, of the markers from the base

@@ -12,6 +12,8 @@ from playbacks import ARM, CART, Swing, compared, evaluated
 from waves import EEL_SPACE, Wave, after, compared_waves, eel, evaluate, start
 from worlds import SPACE, World, situation
 
+from markertrack.drawing import Canvas
+from markertrack.video import VideoWriter
 from recorded import PENDULUM, pendulum_reference
 from swim2real.advisor import ProbingAdvisor
 from swim2real.advisor.briefing.facts import RoundFacts
@@ -20,15 +22,13 @@ from swim2real.advisor.briefing.texts import shortened, significant, table
 from swim2real.advisor.vlm.advisor import repair_request
 from swim2real.advisor.vlm.exchange import Request
 from swim2real.advisor.vlm.files import HOW_TO
-from swim2real.errors import ArgumentError, WaitingForReply
 from swim2real.optimizers import BacktrackingLineSearch, Candidate, Evaluation, Measurement, Proposal, ScriptedAdvisor
 from swim2real.pipeline import calibrate
-from swim2real.rendering.drawing import Canvas
 from swim2real.robots.drives import SPEED, Drive
 from swim2real.robots.fish import FISH
 from swim2real.robots.robot import Trials
 from swim2real.settings import BriefingSettings, CalibrationSettings, VlmAccess
-from swim2real.video import VideoWriter
+from swimbase.errors import ArgumentError, WaitingForReply
 
 MIDDLE = [0.5, 0.5]
 REAL = Wave()

@@ -26,7 +26,6 @@ from swim2real.advisor.physics.model import (
     without_outliers,
 )
 from swim2real.demo import SyntheticCamera, synthetic_reference
-from swim2real.errors import ArgumentError
 from swim2real.objective.figures import FitFigures
 from swim2real.objective.head import head_motion
 from swim2real.objective.motion import beat
@@ -39,6 +38,7 @@ from swim2real.settings import CalibrationSettings
 from swim2real.simulation import Simulator, Swim
 from swim2real.simulation.stepper import Stepper
 from swim2real.trials import Actuation
+from swimbase.errors import ArgumentError
 
 MIDDLE = np.full(16, 0.5)
 FORWARD = 0.9 * hidden_point() + 0.1 * MIDDLE  # where the fish swims

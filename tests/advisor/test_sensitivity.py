@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from swim2real.advisor.physics.sensitivity import SensitivityAdvisor
-from swim2real.errors import AdvisorError
 from swim2real.optimizers import BacktrackingLineSearch, Evaluation, first_point
 from swim2real.optimizers.advisor import MEASUREMENT, recorded_advice
 from swim2real.parameters import Parameter, ParameterSpace
+from swimbase.errors import AdvisorError
 
 Residual = Callable[[np.ndarray], np.ndarray]
 NAMES = ("spring", "damper", "mass", "paint")

@@ -15,7 +15,6 @@ from swim2real.advisor.vlm.exchange import Attempt, Media, Reply, Request
 from swim2real.advisor.vlm.files import FilesClient
 from swim2real.advisor.vlm.reply import reply_schema
 from swim2real.advisor.vlm.transcript import Transcript, totals
-from swim2real.errors import AdvisorError, ArgumentError, WaitingForReply
 from swim2real.optimizers import (
     BacktrackingLineSearch,
     Candidate,
@@ -29,6 +28,7 @@ from swim2real.optimizers import (
 )
 from swim2real.parameters import Parameter, ParameterSpace
 from swim2real.settings import VlmAccess
+from swimbase.errors import AdvisorError, ArgumentError, WaitingForReply
 from vlm_server import drops, refuses, replies, sends
 
 SPACE = ParameterSpace(

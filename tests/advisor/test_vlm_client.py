@@ -21,8 +21,8 @@ import pytest
 from swim2real.advisor.vlm.client import AttemptError, ModelClient, classify_error, retrying
 from swim2real.advisor.vlm.exchange import CallError, Media, Request
 from swim2real.advisor.vlm.providers import price, redact, same_model
-from swim2real.errors import ArgumentError, MissingExtraError
 from swim2real.settings import VlmAccess
+from swimbase.errors import ArgumentError, MissingExtraError
 from vlm_server import PROVIDERS, Answer, VlmServer, cuts, drips, drops, hangs, refuses, replies, sends
 
 KEY = "sk-proj-Tk3vQx81LmZp90RbWc27HyUe"

@@ -5,11 +5,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from markertrack import frames
+from markertrack.track import MarkerTrack
 from swim2real.objective import Comparison, compare_steady, evidence, steady_target
 from swim2real.optimizers import Candidate, Evaluation, Proposal, Round, Situation, Step
 from swim2real.parameters import Parameter, ParameterSpace
 from swim2real.robots.fish import FISH
-from swim2real.trials import MarkerTrack, Trial, frames
+from swim2real.trials import Trial
 
 EEL_SPACE = ParameterSpace(
     (

@@ -6,13 +6,14 @@ from pathlib import Path
 
 import numpy as np
 
+from markertrack.track import MarkerTrack
 from run_settings import settings_of
 from swim2real.calibration import Problem, Progress, RunFolder, minimize
 from swim2real.optimizers import BacktrackingLineSearch, Optimizer, RandomSearch, ScriptedAdvisor, first_point, streams
 from swim2real.parameters import ParameterSpace
 from swim2real.robots.fish import FISH
 from swim2real.simulation import Simulator, Swim
-from swim2real.trials import Actuation, MarkerTrack, Trial, TrialSet, load_reference, save_reference
+from swim2real.trials import Actuation, Trial, TrialSet, load_reference, save_reference
 
 BOUNDS = {  # of fish that soon swim steadily
     "fluid_slender_drag": (3.0, 10.0),

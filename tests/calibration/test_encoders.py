@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from markertrack.track import MarkerTrack
 from recorded import (
     PENDULUM,
     PENDULUM_HIDDEN,
@@ -19,7 +20,6 @@ from refused import says
 from swim2real.calibration import Problem
 from swim2real.checks.probing import probe
 from swim2real.checks.reference import misfits, starts
-from swim2real.errors import ArgumentError, TrialError
 from swim2real.identification.finished_run import reopen
 from swim2real.identification.identifiability import identify
 from swim2real.objective import evidence
@@ -29,7 +29,8 @@ from swim2real.robots.drives import TABLE
 from swim2real.robots.robot import Sensor, Trials
 from swim2real.settings import CalibrationSettings, IdentifiabilitySettings
 from swim2real.simulation.start import Reading, Stretch, sensed_start
-from swim2real.trials import MarkerTrack, TrialSet
+from swim2real.trials import TrialSet
+from swimbase.errors import ArgumentError, TrialError
 
 XML = PENDULUM_XML.replace("</sensor>", '<jointpos name="bend" joint="elbow"/></sensor>')
 SENSORS = (Sensor("encoder", "rad", 0.3), Sensor("bend", "rad", 0.15))

@@ -8,6 +8,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from markertrack.track import MarkerTrack
 from recorded import (
     FLOATER,
     FLOATER_HIDDEN,
@@ -24,7 +25,7 @@ from swim2real.calibration import Problem
 from swim2real.parameters import read_parameters
 from swim2real.pipeline import calibrate
 from swim2real.settings import CalibrationSettings
-from swim2real.trials import MarkerTrack, TrialSet
+from swim2real.trials import TrialSet
 
 FITTED = telling(PENDULUM, start="fitted")
 QUICK = settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.too_slow])

@@ -13,8 +13,8 @@ import small_run
 import refused
 from run_settings import record_of
 from swim2real.calibration import RunFolder, minimize
-from swim2real.errors import RunError
 from swim2real.parameters import read_parameters
+from swimbase.errors import RunError
 
 BUDGET = 6
 METHODS = ("random", "line-search")

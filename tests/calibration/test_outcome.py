@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import small_run
 
+from markertrack.track import MarkerTrack
 from refused import refusal, says
 from swim2real.calibration import (
     Problem,
@@ -16,11 +17,11 @@ from swim2real.calibration import (
     sensitivities,
     versions,
 )
-from swim2real.errors import RunError, TrialError
 from swim2real.parameters import ParameterSpace
 from swim2real.robots.fish import FISH
 from swim2real.simulation import Simulator
-from swim2real.trials import MarkerTrack, Trial, TrialSet
+from swim2real.trials import Trial, TrialSet
+from swimbase.errors import RunError, TrialError
 from swimmers import Swimmer, trial_set
 
 ROBOT = small_run.ROBOT

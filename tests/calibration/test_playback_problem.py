@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from markertrack.track import MarkerTrack
 from recorded import (
     FLOATER,
     FLOATER_HIDDEN,
@@ -31,14 +32,14 @@ from swim2real.calibration import (
     sensitivities,
 )
 from swim2real.calibration.saved_trials import save_trials
-from swim2real.errors import ArgumentError, RunError, TrialError
 from swim2real.identification.finished_run import reopen
 from swim2real.optimizers import RandomSearch, streams
 from swim2real.pipeline import calibrate
 from swim2real.robots.drives import Drive
 from swim2real.robots.fish import FISH
 from swim2real.settings import CalibrationSettings
-from swim2real.trials import MarkerTrack, Signals, TrialSet
+from swim2real.trials import Signals, TrialSet
+from swimbase.errors import ArgumentError, RunError, TrialError
 from swimmers import Swimmer, trial_set
 
 

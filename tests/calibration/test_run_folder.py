@@ -8,8 +8,8 @@ import pytest
 import refused
 from run_settings import record_of, run_settings
 from swim2real.calibration import RunFolder
-from swim2real.errors import RunError
 from swim2real.settings import BriefingSettings
+from swimbase.errors import RunError
 
 SETTINGS = run_settings(method="random", budget=6, threads=2, hold_out=("f1_00",))
 

@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 import small_run
 
+from markertrack.track import MarkerTrack
 from refused import says
 from swim2real.calibration import RunFolder
 from swim2real.calibration.convergence import marker_noise, standing
-from swim2real.errors import ArgumentError, RunError
 from swim2real.pipeline import calibrate
 from swim2real.report import read_run, write_report
 from swim2real.report import standing as standing_of
 from swim2real.settings import CalibrationSettings
-from swim2real.trials import MarkerTrack
+from swimbase.errors import ArgumentError, RunError
 
 SECOND = 1 / 60  # min
 

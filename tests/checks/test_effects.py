@@ -5,9 +5,9 @@ import pytest
 from made_robots import ARM, RECORDINGS, ROBOT, made, parameter
 from refused import refusal, says
 from swim2real.checks.effects import model_effects, why_no_effect
-from swim2real.errors import RobotError
 from swim2real.robots import load_robot
 from swim2real.robots.file import open_robot_file
+from swimbase.errors import RobotError
 
 
 def second(text: str) -> str:

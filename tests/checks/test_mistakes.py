@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from examples.test_worked import code_of
+from markertrack.track import MarkerTrack
 from recorded import (
     FLOATER,
     PENDULUM,
@@ -26,7 +27,7 @@ from swim2real.checks.mistakes import judged
 from swim2real.checks.reference import starts
 from swim2real.robots.drives import TABLE
 from swim2real.robots.robot import Sensor, Trials
-from swim2real.trials import MarkerTrack, Signals, TrialSet
+from swim2real.trials import Signals, TrialSet
 
 ROD = make_robot(
     "rod", PENDULUM.space, lambda values: with_markers(PENDULUM_XML.format(**PENDULUM.space.check(values)), ("end",)),

@@ -4,16 +4,17 @@ import numpy as np
 import pytest
 
 from made_robots import ARM, ROBOT, made, parameter
+from markertrack.track import MarkerTrack
 from recorded import RINGING, ringing_reference
 from refused import refusal, says
 from small_models import PENDULUM
 from swim2real.checks.probing import NOISE, excitation, growing, moved, probe
 from swim2real.checks.reference import misfits
-from swim2real.errors import EngineError
 from swim2real.robots import load_robot
 from swim2real.robots.fish import FISH
 from swim2real.simulation.playback import PlaybackSimulator
-from swim2real.trials import MarkerTrack, Signals, Trial, TrialSet
+from swim2real.trials import Signals, Trial, TrialSet
+from swimbase.errors import EngineError
 
 DRIVEN = """
 [recordings]

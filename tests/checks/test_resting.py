@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from markertrack.track import MarkerTrack
 from recorded import (
     FLOATER,
     FLOATER_HIDDEN,
@@ -20,7 +21,7 @@ from refused import says
 from swim2real.calibration import Problem
 from swim2real.checks.resting import better_starts, other_start, started
 from swim2real.robots.drives import Drive
-from swim2real.trials import MarkerTrack, Signals, TrialSet
+from swim2real.trials import Signals, TrialSet
 
 RESTING, RAISED = telling(PENDULUM, start="rest"), telling(PENDULUM, start="raised")
 

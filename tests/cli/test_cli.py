@@ -20,11 +20,11 @@ from run_settings import record_of
 from swim2real.calibration import RunFolder
 from swim2real.calibration.from_rest import backward_from_rest
 from swim2real.cli import main, tables
-from swim2real.errors import ParameterError, TrialError
 from swim2real.parameters import Parameter
 from swim2real.report.tables import ParameterRow
 from swim2real.robots.fish import FISH
 from swim2real.simulation import Engine
+from swimbase.errors import ParameterError, TrialError
 
 COMMANDS = (
     "board", "calibrate", "check", "compare", "cut", "demo", "deploy", "ensemble", "evaluate", "export-commands",

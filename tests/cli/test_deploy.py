@@ -8,11 +8,11 @@ import time
 from contextlib import contextmanager
 
 import pytest
+from emulator import EmulatedMotor, Emulator
+from faulty_motors import Fault, FaultyEmulator
 from program import process
 
-from faulty_motors import Fault, FaultyEmulator
-from swim2real.deployment import FISH, CommandTable, control_table, write_table
-from swim2real.deployment.emulator import EmulatedMotor, Emulator
+from motorline import FISH, CommandTable, control_table, write_table
 
 MOTORS = """
 [head]

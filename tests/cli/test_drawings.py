@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from films import slowed
-from swim2real.video import VideoReader, VideoWriter
+from markertrack.video import VideoReader, VideoWriter
 
 
 def test_overlays_of_recordings_are_written(program, words, tmp_path):

@@ -17,6 +17,10 @@ from markupsafe import Markup
 from mutations import mutated
 
 from made_results import made_results, made_run
+from markertrack.camera_file import read_camera
+from markertrack.points import load_anchors, load_points
+from motorline.commands import read_table
+from motorline.motors_file import read_motors
 from run_settings import record_of
 from swim2real import api
 from swim2real.advisor.vlm.transcript import Transcript
@@ -25,9 +29,6 @@ from swim2real.cli import main
 from swim2real.comparison import make_plan
 from swim2real.comparison.plan import read_plan
 from swim2real.comparison.results import load_results, write_results
-from swim2real.deployment.commands import read_table
-from swim2real.deployment.motors_file import read_motors
-from swim2real.errors import Swim2RealError
 from swim2real.identification.ensemble import make_ensemble, read_ensemble
 from swim2real.identification.finished_run import reopen
 from swim2real.identification.identifiability import read_study
@@ -38,10 +39,9 @@ from swim2real.rl.training_run import TrainingRun
 from swim2real.robots import load_robot
 from swim2real.robots.robot import Robot
 from swim2real.settings import ComparisonSettings, EnsembleSettings
-from swim2real.tracking.camera_file import read_camera
-from swim2real.tracking.points import load_anchors, load_points
 from swim2real.trials import load_reference
 from swim2real.trials.pose_tables import read_dlc
+from swimbase.errors import Swim2RealError
 
 PROJECT = Path(__file__).resolve().parents[2]
 SECONDS, MEMORY = 20.0, 1e9  # s and bytes that any file may cost

@@ -9,13 +9,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from markertrack.camera_file import CameraFile, Length, write_camera
+from markertrack.quality import check_track
+from markertrack.track import MarkerTrack
 from swim2real.cli.film import import_tracks
-from swim2real.errors import ArgumentError, TrialError
 from swim2real.robots.fish import FISH
-from swim2real.tracking import check_track
-from swim2real.tracking.camera_file import CameraFile, Length, write_camera
-from swim2real.trials import MarkerTrack, TrialSet, load_reference, save_reference
+from swim2real.trials import TrialSet, load_reference, save_reference
 from swim2real.trials.pose_tables import write_dlc
+from swimbase.errors import ArgumentError, TrialError
 from swimmers import Swimmer
 
 SCALE = 1e-3  # m per pixel

@@ -126,7 +126,7 @@ def survives(
 SMALL_DEMO = """
 from swim2real import demo, settings
 from swim2real.cli import main
-from swim2real.rendering.pool import PoolCamera
+from pool import PoolCamera
 demo.DEMO_FREQUENCIES = (0.75, 1.5)
 demo.film_and_track.__kwdefaults__.update(seconds=1.5, camera=PoolCamera(width=640, height=360, view=1.3, fps=30.0))
 settings.IdentifiabilitySettings.__init__.__defaults__ = (1, 0)

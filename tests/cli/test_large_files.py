@@ -7,14 +7,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from markertrack.cleaning import beat_window
+from markertrack.quality import check_track
+from markertrack.track import MarkerTrack
 from refused import refusal, says
-from swim2real import store
-from swim2real.errors import TrialError
-from swim2real.tracking.beat import identify_beat
-from swim2real.tracking.cleaning import beat_window
-from swim2real.tracking.quality import check_track
-from swim2real.trials import MarkerTrack, TrialSet, load_reference, save_reference
+from swim2real.trials import TrialSet, load_reference, save_reference
+from swim2real.trials.beat import identify_beat
 from swim2real.trials.signals import read_signals
+from swimbase import store
+from swimbase.errors import TrialError
 
 SECONDS = 20.0
 REST = np.column_stack([np.linspace(0, 0.5, 5), np.zeros(5)])

@@ -12,21 +12,21 @@ import pytest
 from program import process
 
 from films import slowed
+from markertrack.camera_file import CameraFile, Length, write_camera
+from markertrack.video import VideoWriter
 from run_settings import record_of, run_settings
 from small_models import PENDULUM
 from swim2real.calibration import RunFolder
 from swim2real.calibration.convergence import still_falling
 from swim2real.calibration.file_models import RecordedEvaluation
 from swim2real.cli.options import word
-from swim2real.errors import RunError
 from swim2real.parameters import write_parameters
 from swim2real.rl.training_run import TrainingRun
 from swim2real.robots import load_robot
 from swim2real.robots.fish import FISH
 from swim2real.simulation import Engine
-from swim2real.tracking.camera_file import CameraFile, Length, write_camera
 from swim2real.trials import load_reference
-from swim2real.video import VideoWriter
+from swimbase.errors import RunError
 
 
 @pytest.fixture(scope="module")

@@ -4,11 +4,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from markertrack.track import MarkerTrack
 from swim2real.cli import tables
 from swim2real.cli.film import quality
 from swim2real.robots import load_robot
 from swim2real.robots.fish import FISH
-from swim2real.trials import MarkerTrack, Signals, Trial, TrialSet, save_reference
+from swim2real.trials import Signals, Trial, TrialSet, save_reference
 from swim2real.trials.reference import add_trial
 from swimmers import Swimmer
 

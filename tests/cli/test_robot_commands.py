@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 
 from made_robots import DAMPING, RECORDINGS, ROBOT, made, parameter
+from markertrack.track import MarkerTrack
 from small_models import PENDULUM
 from swim2real.checks.probing import excitation
 from swim2real.robots import load_robot
 from swim2real.simulation.playback import PlaybackSimulator
-from swim2real.trials import MarkerTrack, TrialSet, save_reference
+from swim2real.trials import TrialSet, save_reference
 
 PNG = b"\x89PNG\r\n\x1a\n"
 DRIVEN = '[recordings.controls]\nservo = "table"\ntorque = {amplitude = 0.5, phase = -1, offset = 0.1}\nmotor = 0.2\n'

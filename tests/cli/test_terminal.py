@@ -14,7 +14,7 @@ from swim2real.advisor.vlm.transcript import Totals
 from swim2real.calibration import Progress
 from swim2real.cli import main, progress, tables, terminal
 from swim2real.cli.tables import PlainConsole
-from swim2real.escaping import visible
+from swimbase.escaping import visible
 
 ATTACKS = {
     "clears the screen": "\x1b[2J\x1b[H", "sets the title": "\x1b]0;owned\x07", "colors": "\x1b[31m", "C1": "\x9b31m",

@@ -11,10 +11,10 @@ from PIL import Image
 from program import CTRL_C, interrupted
 
 from films import Shot, contents, named, parts, slowed, tables
+from markertrack.camera_file import CameraFile, write_camera
+from markertrack.video import VideoReader, VideoWriter, film_title
 from swim2real.robots.fish import FISH
-from swim2real.tracking.camera_file import CameraFile, write_camera
 from swim2real.trials import load_reference
-from swim2real.video import VideoReader, VideoWriter, film_title
 
 NAMES = FISH.marker_names
 

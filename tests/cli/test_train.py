@@ -15,12 +15,13 @@ pytest.importorskip("stable_baselines3")
 
 from program import process, until
 
+from markertrack.track import MarkerTrack
 from swim2real.cli import main
 from swim2real.objective.expected_run import read_expected_run
 from swim2real.rl.assessment import Wave
 from swim2real.robots import load_robot
 from swim2real.robots.fish import FISH
-from swim2real.trials import MarkerTrack, Trial, TrialSet, save_reference
+from swim2real.trials import Trial, TrialSet, save_reference
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 SHORT = (

@@ -9,10 +9,10 @@ import pytest
 from recorded import PENDULUM, pendulum_reference
 from swim2real.comparison import Plan, default_methods, make_plan, method_variant, read_plan
 from swim2real.comparison.plan import NAMES, folder_name
-from swim2real.errors import ArgumentError, RunError
 from swim2real.robots.fish import FISH
 from swim2real.settings import METHODS, BriefingSettings, ComparisonSettings
 from swim2real.simulation import Engine
+from swimbase.errors import ArgumentError, RunError
 
 BASE = ComparisonSettings(methods=("random", "no-line-search"), seeds=(0, 1), protocols=("aligned", "paper"), budget=3)
 ALONE = replace(BASE, methods=("random",), seeds=(0,), protocols=())

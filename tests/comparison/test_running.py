@@ -31,11 +31,11 @@ from swim2real.comparison import (
 from swim2real.comparison.cluster import check_session, check_versions, dask_cluster, explain_failure, session
 from swim2real.comparison.compare import Work, run_job
 from swim2real.comparison.plan import PROBLEM
-from swim2real.errors import ArgumentError, MissingExtraError, RunError
 from swim2real.pipeline import calibrate
 from swim2real.robots.fish import FISH
 from swim2real.settings import CalibrationSettings, ComparisonSettings
 from swim2real.simulation import Engine
+from swimbase.errors import ArgumentError, MissingExtraError, RunError
 
 METHODS = ("random", "no-line-search")
 REFERENCE = pendulum_reference()

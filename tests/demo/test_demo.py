@@ -7,8 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from pool import PoolCamera
 
 from films import contents, tables
+from markertrack.camera_file import read_camera
+from markertrack.points import load_points
+from markertrack.quality import check_track
+from markertrack.track import MarkerTrack
 from pools import hidden_values
 from swim2real.calibration import Outcome, reference_fingerprint
 from swim2real.cli import main
@@ -24,16 +29,12 @@ from swim2real.demo import (
     synthetic_reference,
 )  # fmt: skip
 from swim2real.demo import example as room
-from swim2real.errors import RunError
 from swim2real.pipeline import FrameProgress, TrackedVideo
-from swim2real.rendering.pool import PoolCamera
 from swim2real.robots.fish import FISH
 from swim2real.simulation import Simulator, Swim
-from swim2real.tracking import check_track
-from swim2real.tracking.camera_file import read_camera
-from swim2real.tracking.points import load_points
-from swim2real.trials import Actuation, MarkerTrack, load_reference
+from swim2real.trials import Actuation, load_reference
 from swim2real.trials.pose_tables import read_dlc
+from swimbase.errors import RunError
 
 FREQUENCY = 1.6  # Hz
 

@@ -6,13 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from lab import Lab, Take
+from pool import PoolCamera
 
-from swim2real.errors import ArgumentError, TrackingError, TrialError
 from swim2real.pipeline import track_video
-from swim2real.rendering.pool import PoolCamera
 from swim2real.robots import load_robot
 from swim2real.settings import TrackingSettings
 from swim2real.trials import Signals, load_reference
+from swimbase.errors import ArgumentError, TrackingError, TrialError
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 FINGER = load_robot(EXAMPLES / "finger" / "finger.toml")

@@ -6,11 +6,11 @@ import pytest
 import toy
 
 from refused import refusal, says
-from swim2real.errors import ArgumentError, ParameterError, RunError
 from swim2real.identification.ensemble import Member, make_ensemble, read_ensemble, spread_out, write_ensemble
 from swim2real.identification.finished_run import reopen
 from swim2real.identification.identifiability import identify
 from swim2real.settings import EnsembleSettings, IdentifiabilitySettings
+from swimbase.errors import ArgumentError, ParameterError, RunError
 
 SETTINGS = EnsembleSettings(within=1.2, count=8)
 

@@ -11,7 +11,6 @@ import toy
 
 from refused import refusal, says
 from swim2real.calibration.convergence import standing
-from swim2real.errors import RunError
 from swim2real.identification.evaluated import EvaluatedPoint, autocorrelation, independent_numbers
 from swim2real.identification.finished_run import reopen
 from swim2real.identification.identifiability import (
@@ -29,6 +28,7 @@ from swim2real.identification.posterior import SHARPNESS, draw, first_points
 from swim2real.parameters import read_parameters
 from swim2real.robots.fish import FISH
 from swim2real.settings import IdentifiabilitySettings
+from swimbase.errors import RunError
 
 SETTINGS = IdentifiabilitySettings(rounds=5)
 QUICK = IdentifiabilitySettings(rounds=1)

@@ -7,13 +7,12 @@ import numpy as np
 import pytest
 import toy
 
+from motorline.commands import FISH as COLUMN
+from motorline.commands import read_table
 from recorded import PENDULUM, PENDULUM_HIDDEN, PENDULUM_SPACE, blank, recorded, telling
 from refused import refusal, says
 from run_settings import settings_of
 from swim2real.calibration import Problem, RunFolder, minimize
-from swim2real.deployment.commands import FISH as COLUMN
-from swim2real.deployment.commands import read_table
-from swim2real.errors import RunError
 from swim2real.identification.finished_run import reopen
 from swim2real.identification.identifiability import IDENTIFIABILITY, identify
 from swim2real.identification.next_trial import (
@@ -29,6 +28,7 @@ from swim2real.optimizers import RandomSearch, streams
 from swim2real.robots.fish import FISH
 from swim2real.settings import IdentifiabilitySettings
 from swim2real.trials import Signals, TrialSet
+from swimbase.errors import RunError
 
 ROBOT = telling(PENDULUM, start="raised", sensors=())  # its motor follows a table
 

@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from markertrack.frames import composed
+from markertrack.track import MarkerTrack
 from swim2real.calibration import Problem
-from swim2real.errors import TrialError
 from swim2real.objective import FAILED_LOSS, Comparison, compare_steady, evidence, steady_target
 from swim2real.objective.figures import (
     AVERAGED,
@@ -18,8 +19,8 @@ from swim2real.objective.figures import (
     sensor_figure,
 )
 from swim2real.robots.fish import FISH
-from swim2real.trials import MarkerTrack, Trial, TrialSet
-from swim2real.trials.frames import composed
+from swim2real.trials import Trial, TrialSet
+from swimbase.errors import TrialError
 
 FREQUENCY = 1.0
 REST = np.array([[0.0, 0.0], [0.2, 0.0], [0.5, 0.0]])

@@ -5,12 +5,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from markertrack.track import MarkerTrack
 from swim2real.calibration import Problem
-from swim2real.errors import TrialError
 from swim2real.objective import steady_target
 from swim2real.objective.elongated_body import TailMotion, fit_drag_ratio, predict_speeds, tail_motion
 from swim2real.robots.fish import FISH
-from swim2real.trials import MarkerTrack, Trial
+from swim2real.trials import Trial
+from swimbase.errors import TrialError
 
 END = (2, 3)  # of four markers
 LENGTH = 0.06

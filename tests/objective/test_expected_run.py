@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from swim2real.errors import ArgumentError, TrialError
+from markertrack.track import MarkerTrack
 from swim2real.objective.expected_run import (
     Band,
     ExpectedRun,
@@ -13,7 +13,8 @@ from swim2real.objective.expected_run import (
     motion_of,
     read_expected_run,
 )
-from swim2real.trials import MarkerTrack, Signals, Trial, TrialSet
+from swim2real.trials import Signals, Trial, TrialSet
+from swimbase.errors import ArgumentError, TrialError
 
 RATE, ORIGIN = 50.0, (0.03, 0.0)
 PAIR = np.array([[-0.07, 0.0], [0.07, 0.0]]) - ORIGIN  # from the point that stands for the robot

@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 
-from swim2real.errors import TrialError
+from markertrack.track import MarkerTrack
 from swim2real.objective.head import head_motion
 from swim2real.objective.target import steady_target
-from swim2real.trials import MarkerTrack, Trial
+from swim2real.trials import Trial
+from swimbase.errors import TrialError
 
 FREQUENCY = 0.8  # Hz
 LENGTHS = np.array([0.0, 0.1, 0.3])  # of the markers behind the first [m]

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from swim2real.errors import TrialError
+from markertrack.track import MarkerTrack
 from swim2real.objective import (
     FAILED_LOSS,
     Comparison,
@@ -13,7 +13,8 @@ from swim2real.objective import (
     evidence,
     playback_target,
 )
-from swim2real.trials import MarkerTrack, Signals, Trial
+from swim2real.trials import Signals, Trial
+from swimbase.errors import TrialError
 
 TIMES = 2.0 + np.arange(81) / 40
 BODY = np.array([0.0, 0.2 + 0.1j, 0.3j])  # of three markers

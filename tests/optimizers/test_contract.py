@@ -8,7 +8,6 @@ from driving import drive, notes, points
 from scipy.optimize import least_squares as scipys
 
 from refused import refusal, says
-from swim2real.errors import MissingExtraError, OptimizerError
 from swim2real.optimizers import (
     BacktrackingLineSearch,
     BayesianOptimization,
@@ -27,6 +26,7 @@ from swim2real.optimizers import (
 from swim2real.optimizers.callback import CallbackSolver
 from swim2real.optimizers.contract import cube_point
 from swim2real.optimizers.staged import Stage, Staged
+from swimbase.errors import MissingExtraError, OptimizerError
 
 D = 5
 

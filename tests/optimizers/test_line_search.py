@@ -7,7 +7,6 @@ import pytest
 from driving import Watching, feed, notes, points
 
 from refused import refusal, says
-from swim2real.errors import AdvisorError, OptimizerError
 from swim2real.optimizers import (
     BacktrackingLineSearch,
     Measurement,
@@ -17,6 +16,7 @@ from swim2real.optimizers import (
     recorded_advice,
 )
 from swim2real.pipeline.methods import default_starts
+from swimbase.errors import AdvisorError, OptimizerError
 
 FIRST = np.array([0.2, 0.8])
 TO = np.array([1.0, 0.4])

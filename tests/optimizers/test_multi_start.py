@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from driving import answered, drive, lowest, notes, points, staged
 
-from swim2real.errors import OptimizerError
 from swim2real.optimizers import Evaluation, MultiStart, streams
 from swim2real.optimizers.multi_start import agreeing
+from swimbase.errors import OptimizerError
 
 D = 3
 GOAL = np.array([0.3, 0.8, 0.55])

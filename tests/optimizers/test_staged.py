@@ -10,9 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from refused import refusal, says
-from swim2real.errors import OptimizerError
 from swim2real.optimizers import Evaluation, RandomSearch, first_point, streams
 from swim2real.optimizers.staged import GridScan, Stage, Staged
+from swimbase.errors import OptimizerError
 
 D = 8
 BEST = np.array([0.3, 0.3, 0.3, 0.71, 0.2, 0.6, 0.9, 0.4])

@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 from refused import refusal, says
-from swim2real.errors import ParameterError
 from swim2real.parameters import Parameter, ParameterSpace, read_parameters, write_parameters
+from swimbase.errors import ParameterError
 
 SPACE = ParameterSpace(
     (Parameter("drag", "-", 0.0, 10.0, "", 0.4, log_offset=0.1), Parameter("arm", "m", 0.01, 0.06, "", 0.04))

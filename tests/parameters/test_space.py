@@ -4,8 +4,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from refused import refusal, says
-from swim2real.errors import ParameterError
 from swim2real.parameters import Parameter, ParameterSpace
+from swimbase.errors import ParameterError
 
 DRAG = Parameter("drag", "-", 0.0, 10.0, "Slows.", 0.4, log_offset=0.1)
 ARM = Parameter("arm_length", "m", 0.01, 0.06, "Pulls.", 0.0395)

@@ -6,13 +6,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from markertrack.track import MarkerTrack
 from pools import LOGARITHMIC, NAMES, film
 from refused import refusal, says
 from run_settings import record_of
 from swim2real.advisor import PhysicsAdvisor
 from swim2real.api import compare
 from swim2real.calibration import Problem, RunFolder
-from swim2real.errors import ArgumentError, RunError, TrialError
 from swim2real.optimizers import (
     BacktrackingLineSearch,
     BayesianOptimization,
@@ -27,7 +27,8 @@ from swim2real.optimizers.callback import CallbackSolver
 from swim2real.pipeline import calibrate, make_optimizer
 from swim2real.robots.fish import FISH
 from swim2real.settings import CalibrationSettings, ComparisonSettings
-from swim2real.trials import MarkerTrack, Trial, TrialSet
+from swim2real.trials import Trial, TrialSet
+from swimbase.errors import ArgumentError, RunError, TrialError
 
 PHYSICS = PhysicsAdvisor(FISH, LOGARITHMIC, 0)
 

@@ -8,12 +8,12 @@ import pytest
 
 from small_models import ARM, FINGER, HOPPER, MODELS, PENDULUM, snake
 from swim2real.checks.probing import FAINT, probe
-from swim2real.errors import EngineError, RobotError
 from swim2real.pipeline.drafting import draft_robot, write_draft
 from swim2real.robots import load_robot
 from swim2real.robots.candidates import candidates
 from swim2real.robots.drives import TABLE
 from swim2real.robots.robot import CommandLimits
+from swimbase.errors import EngineError, RobotError
 
 ENCODERS = '<sensor><jointpos name="angle" joint="shoulder"/></sensor>'
 

@@ -5,11 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from markertrack.track import MarkerTrack
 from recorded import FLOATER, PENDULUM, floater_reference, pendulum_reference
 from swim2real.calibration import Problem
 from swim2real.pipeline.overlays import in_world
 from swim2real.robots.fish import FISH
-from swim2real.trials import MarkerTrack, TrialSet
+from swim2real.trials import TrialSet
 
 
 def distances(problem: Problem, values: dict[str, float]) -> list[tuple[float, float]]:

@@ -8,14 +8,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from markertrack.span import WHOLE, Span
+from markertrack.track import MarkerTrack
 from recorded import PENDULUM
 from refused import refusal, says
-from swim2real.errors import ArgumentError, TrialError
 from swim2real.pipeline.recording import Wanted, recorded
-from swim2real.trials import MarkerTrack, Trial
+from swim2real.trials import Trial
 from swim2real.trials.log_table import read_log
-from swim2real.trials.span import WHOLE, Span
 from swim2real.trials.timebase import Timebase
+from swimbase.errors import ArgumentError, TrialError
 
 TIMES = np.arange(40) / 50
 ANGLES = np.stack([np.sin(3 * TIMES + i) for i in range(8)])

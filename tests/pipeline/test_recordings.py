@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from markertrack.track import MarkerTrack
 from recorded import FLOATER, FLOATER_HIDDEN, PENDULUM, PENDULUM_HIDDEN, floater_reference, pendulum_reference
 from run_settings import record_of
 from swim2real.calibration import RunFolder, load_trials
@@ -17,7 +18,7 @@ from swim2real.parameters import read_parameters
 from swim2real.pipeline import calibrate
 from swim2real.pipeline import calibration as room
 from swim2real.settings import CalibrationSettings
-from swim2real.trials import MarkerTrack, TrialSet, load_reference, save_reference
+from swim2real.trials import TrialSet, load_reference, save_reference
 
 
 @pytest.fixture(scope="module")

@@ -7,20 +7,21 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from pool import Glare
 
 import swim2real
 from films import CAMERA, Shot, contents, named, parts, shoot, tables
-from swim2real.errors import ArgumentError, TrackingError, TrialError, VideoError
+from markertrack.camera_file import CameraFile, write_camera
+from markertrack.points import save_points
+from markertrack.quality import check_track
+from markertrack.track import MarkerTrack
 from swim2real.pipeline import TrackedVideo, track_video, track_videos
 from swim2real.pipeline import tracking as room
-from swim2real.rendering.pool import Glare
 from swim2real.robots.fish import FISH
 from swim2real.settings import TrackingSettings
-from swim2real.tracking import check_track
-from swim2real.tracking.camera_file import CameraFile, write_camera
-from swim2real.tracking.points import save_points
-from swim2real.trials import MarkerTrack, Trial, load_reference
+from swim2real.trials import Trial, load_reference
 from swim2real.trials.pose_tables import read_dlc
+from swimbase.errors import ArgumentError, TrackingError, TrialError, VideoError
 
 NAMES = FISH.marker_names
 FAST = TrackingSettings(overlay=False)

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from views import arm, found, like, swim
 
-from swim2real.errors import ArgumentError
+from markertrack.drawing import INK, PAGE
 from swim2real.rendering.album import LEAST_TILE, ROW_HEAD, TEXT, TrialPictures, trials_sheet
-from swim2real.rendering.drawing import INK, PAGE
 from swim2real.rendering.trial_frame import COLORS, SIDES, Panel, plane_panel
 from swim2real.rendering.trial_view import TrialView, common_limits
+from swimbase.errors import ArgumentError
 
 STAMP = 24  # px at the top of a picture, where its time stands
 

@@ -5,9 +5,9 @@ import re
 import numpy as np
 import pytest
 
-from swim2real.errors import ArgumentError, VideoError
+from markertrack.video import VideoReader, VideoWriter
 from swim2real.rendering.film import clip_times, film_clip, film_frames, film_sheet
-from swim2real.video import VideoReader, VideoWriter
+from swimbase.errors import ArgumentError, VideoError
 
 FILM_TIMES = np.array([0.0, 0.05, 0.1, 0.15, 0.2, 0.31, 0.4, 0.5])  # s
 NAN = float("nan")

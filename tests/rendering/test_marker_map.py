@@ -5,8 +5,8 @@ import re
 import numpy as np
 import pytest
 
-from swim2real.errors import ArgumentError
 from swim2real.rendering.marker_map import DOT, GROUND, LINE, marker_map
+from swimbase.errors import ArgumentError
 
 NAMES = ("nose", "fin", "tail")
 

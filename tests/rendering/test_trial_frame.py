@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from views import arm, like, near, pixels, swim
 
-from swim2real.errors import ArgumentError, VideoError
-from swim2real.rendering.drawing import INK, text_size
+from markertrack.drawing import INK, text_size
+from markertrack.video import VideoReader
 from swim2real.rendering.trial_frame import (
     COLORS,
     DIVERGED,
@@ -22,7 +22,7 @@ from swim2real.rendering.trial_frame import (
     shortened,
 )  # fmt: skip
 from swim2real.rendering.trial_view import Box, TrialView, common_limits, rounded_up
-from swim2real.video import VideoReader
+from swimbase.errors import ArgumentError, VideoError
 
 INDEX = 45
 

@@ -10,11 +10,11 @@ from hypothesis import strategies as st
 from views import ARM_RATE, BEAT, arm, swim
 
 from recorded import FLOATER, PENDULUM
-from swim2real.errors import ArgumentError
 from swim2real.objective import ComparedBeat, ComparedProgress, ComparedTrial
 from swim2real.rendering.trial_frame import COLORS, swing_chart
 from swim2real.rendering.trial_view import Box, Swing, common_limits, grid_step, length_text, rounded_up, view_of
 from swim2real.robots.fish import FISH
+from swimbase.errors import ArgumentError
 
 TIMES = np.arange(11) / 10
 

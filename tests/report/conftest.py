@@ -3,8 +3,8 @@
 import pytest
 from markupsafe import Markup
 
-from swim2real.errors import EngineError
 from swim2real.report import ahead, pages
+from swimbase.errors import EngineError
 
 
 @pytest.fixture(autouse=True)

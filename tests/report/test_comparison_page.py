@@ -11,8 +11,8 @@ from made_pages import check_charts, missing, seen_by, titles_of, visible
 from made_results import made_results, made_run, playback_results, two_methods
 from swim2real.comparison.results import ComparisonResults
 from swim2real.comparison.statistics import method_statistics
-from swim2real.errors import RunError
 from swim2real.report.comparison_page import comparison_context, verdict, write_comparison_report
+from swimbase.errors import RunError
 
 
 def page_of(results: ComparisonResults, folder: Path, **more) -> str:

@@ -1,6 +1,6 @@
 """Every page with hostile text wherever text from outside comes to it: no script, element, address or turned text.
 
-Text of a run folder is hostile in any way; the names that readers check (`swim2real.names`) are passed by the tests
+Text of a run folder is hostile in any way; the names that readers check (`swimbase.names`) are passed by the tests
 unchecked, so the pages hold without that.
 """
 
@@ -25,19 +25,20 @@ from test_calls import VlmRun, film, notes, picture
 from browser import open_to_scripts, opened
 from made_results import MARKERS as COMPARED_MARKERS
 from made_results import TRIALS, two_methods
+from markertrack.corrections import find_stretches
+from markertrack.pages import make_strips, write_pick_page, write_review_page
+from markertrack.quality import LostMarkers
+from markertrack.track import MarkerTrack
 from run_settings import record_of
 from swim2real.calibration import RunFolder
 from swim2real.calibration.run_folder import TRIALS as SAVED
-from swim2real.names import file_name_fault
 from swim2real.parameters import ParameterSpace
 from swim2real.report import write_quality_page, write_report, write_runs_page
 from swim2real.report.comparison_page import write_comparison_report
 from swim2real.robots.fish import FISH
 from swim2real.robots.robot import PolicySetup, Robot
-from swim2real.tracking import LostMarkers
-from swim2real.tracking.corrections import find_stretches
-from swim2real.tracking.pages import make_strips, write_pick_page, write_review_page
-from swim2real.trials import MarkerTrack, Trial
+from swim2real.trials import Trial
+from swimbase.names import file_name_fault
 
 OWN = "document.documentElement.setAttribute('data-pwned', 1)"
 ELSEWHERE = "http://127.0.0.1:1/leak"  # a port where nobody listens; the tests with a browser put their own

@@ -12,12 +12,12 @@ from swim2real.calibration import RunFolder
 from swim2real.calibration.saved_trials import save_trials
 from swim2real.comparison.results import ComparisonResults
 from swim2real.comparison.statistics import method_statistics
-from swim2real.errors import RunError
 from swim2real.objective import ComparedBeat, ComparedProgress, ComparedTrial, Comparison
 from swim2real.report import paper_figures
 from swim2real.report.comparison_charts import convergence, line_search, strip, velocity
 from swim2real.report.paper_figures import chronophotography, moments, outline, write_figures
 from swim2real.report.style import COLORS, VARIABLES, legend_columns, method_styles, paper_style
+from swimbase.errors import RunError
 
 KNOWN = ("line-search", "no-line-search", "bayesopt", "cma-es", "random", "staged", "least-squares")
 TIMES = np.arange(61) / 30

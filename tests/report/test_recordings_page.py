@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from made_pages import check_charts, line, longer, missing, titles_of, visible
 
+from markertrack.track import MarkerTrack
 from recorded import FLOATER, PENDULUM, PENDULUM_HIDDEN, floater_reference, pendulum_reference
 from swim2real.calibration import Problem, RunFolder, conclude, load_trials
 from swim2real.objective import Comparison
@@ -23,7 +24,7 @@ from swim2real.report.run import read_run
 from swim2real.report.run_charts import common_ranges, paths
 from swim2real.robots.robot import Robot
 from swim2real.settings import CalibrationSettings
-from swim2real.trials import MarkerTrack, TrialSet
+from swim2real.trials import TrialSet
 
 FOREIGN = (
     "swim", "thrust", "beat", "registration", "registered", "eq. 1", "fish", "water", "published", "frequency", "tail",

@@ -27,7 +27,6 @@ from made_pages import (
 
 from run_settings import record_of
 from swim2real.calibration import SavedTrial
-from swim2real.errors import ParameterError, RunError
 from swim2real.formatting import mm
 from swim2real.parameters import ParameterSpace
 from swim2real.report import write_report
@@ -36,6 +35,7 @@ from swim2real.report.page import page_context
 from swim2real.report.pages import inline_svg
 from swim2real.report.run import read_run
 from swim2real.report.style import COLORS
+from swimbase.errors import ParameterError, RunError
 
 
 @pytest.fixture

@@ -7,11 +7,11 @@ import pytest
 from made_pages import ROBOT, SPACE, Run, missing, searched, visible
 
 from run_settings import record_of
-from swim2real.errors import RunError
 from swim2real.parameters import ParameterSpace
 from swim2real.report import write_runs_page
 from swim2real.report.run import read_run
 from swim2real.report.runs_page import parameter_lines, runs_context
+from swimbase.errors import RunError
 
 
 @pytest.fixture

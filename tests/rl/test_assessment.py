@@ -8,7 +8,6 @@ import pytest
 
 pytest.importorskip("stable_baselines3")
 
-from swim2real.errors import ArgumentError, RunError
 from swim2real.objective.expected_run import motion_of
 from swim2real.rl.assessment import Wave, assess, compare_loops, policy_commands, scan_waves
 from swim2real.rl.body import Actuators
@@ -21,6 +20,7 @@ from swim2real.rl.training_run import TrainingRun
 from swim2real.robots import load_robot
 from swim2real.robots.fish import FISH
 from swim2real.settings import TrainingSettings
+from swimbase.errors import ArgumentError, RunError
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 PUBLISHED = FISH.space.published
@@ -186,8 +186,8 @@ def test_what_is_not_there_is_named(run, tmp_path):
 
 def test_a_film_shows_the_robot_and_its_goal(tmp_path):
     pytest.importorskip("av")
+    from markertrack.video import VideoReader
     from swim2real.rl.film import Scene, write_film
-    from swim2real.video import VideoReader
 
     environments = make_environments("target", [PUBLISHED], 1, seconds=0.4)
     episode = run_episodes(environments, constant(7.0), [3], [{"goal": (-0.5, 0.2)}])[0]

@@ -7,9 +7,9 @@ from gymnasium.utils.env_checker import check_env as check_as_gymnasium
 from stable_baselines3.common.env_checker import check_env as check_as_sb3
 
 import swim2real.rl as rl
-from swim2real.errors import ArgumentError, ParameterError
 from swim2real.rl.body import Bodies
 from swim2real.robots.fish import FISH, FISH_EXTENDED
+from swimbase.errors import ArgumentError, ParameterError
 
 PUBLISHED = FISH.space.published
 GO = np.array([1.0], np.float32)

@@ -12,13 +12,13 @@ import pytest
 
 pytest.importorskip("torch")
 
-from swim2real.errors import RunError
 from swim2real.rl.actor import Actor, Linear
 from swim2real.rl.environment import make_environments
 from swim2real.rl.rollout import load_policy
 from swim2real.rl.training_run import TrainingRun
 from swim2real.robots.fish import FISH
-from swim2real.store import read_arrays, write_arrays
+from swimbase.errors import RunError
+from swimbase.store import read_arrays, write_arrays
 
 
 class Trap:
@@ -112,7 +112,7 @@ class Absent:  # as if they weren't installed
             raise ModuleNotFoundError(f"No module named '{name}'", name=name)
 sys.meta_path.insert(0, Absent())
 import swim2real.rl.assessment, swim2real.rl.film, swim2real.report.training_page
-from swim2real.errors import MissingExtraError
+from swimbase.errors import MissingExtraError
 try:
     import swim2real.rl.training
 except MissingExtraError as error:

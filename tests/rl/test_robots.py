@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 import swim2real.rl as rl
-from swim2real.errors import ArgumentError, RobotError
 from swim2real.rl.assessment import Wave, scan_waves
 from swim2real.rl.body import Bodies
 from swim2real.rl.state import Robots
@@ -18,6 +17,7 @@ from swim2real.rl.tasks import TASKS, find_task
 from swim2real.robots import load_robot
 from swim2real.robots.robot import PolicySetup
 from swim2real.robots.targets import Delay
+from swimbase.errors import ArgumentError, RobotError
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 REACH = f"python:{EXAMPLES / 'finger/reach.py'}:Reach"

@@ -16,7 +16,6 @@ pytest.importorskip("torch")
 import numpy as np
 import torch
 
-from swim2real.errors import ArgumentError, RunError
 from swim2real.rl.actor import Actor
 from swim2real.rl.conditions import Disturbances
 from swim2real.rl.environment import make_environments
@@ -26,7 +25,8 @@ from swim2real.rl.training import Trainer, train
 from swim2real.rl.training_run import EPISODES, EVALUATIONS, SETTINGS, TrainingRun, locked_folder, read_record
 from swim2real.robots.fish import FISH
 from swim2real.settings import TrainingSettings
-from swim2real.store import LOCK
+from swimbase.errors import ArgumentError, RunError
+from swimbase.store import LOCK
 
 SHORT = TrainingSettings(
     "forward", 800, exploration=200, checkpoint_every=400, updates=1, batch=32, layers=(16, 16), environments=8,

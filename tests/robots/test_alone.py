@@ -7,11 +7,11 @@ import sys
 import pytest
 
 from made_robots import ARM, DAMPING, RECORDINGS, ROBOT, made
-from swim2real.errors import RobotError
 from swim2real.pipeline.drafting import draft_robot
 from swim2real.robots import alone
 from swim2real.robots.alone import compile_alone
 from swim2real.robots.file import open_robot_file, read_mjcf
+from swimbase.errors import RobotError
 
 BODY = '<body><freejoint/><geom size="1"/></body>'
 LONG, LARGE, CRASH = "takes MuJoCo more than 3 s", "takes MuJoCo more than 4 GiB of memory", "crashes MuJoCo (SIGSEGV)"

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from fluidstep.step import FastStep, disagreement
 from swim2real.calibration import Problem
 from swim2real.demo.synthetic import SyntheticCamera, synthetic_reference
 from swim2real.robots.fish import FISH, FISH_EXTENDED
 from swim2real.simulation import Simulator, Swim
-from swim2real.simulation.fast_step import FastStep, disagreement
 from swim2real.simulation.stepper import Stepper
 from swim2real.trials import Actuation
 

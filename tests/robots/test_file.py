@@ -9,12 +9,12 @@ import pytest
 
 from made_robots import ARM, DAMPING, RECORDINGS, ROBOT, made, parameter
 from refused import refusal, says
-from swim2real.errors import ArgumentError, RobotError
 from swim2real.robots import load_robot, robot_file
 from swim2real.robots.drives import SPEED, TABLE, Drive
 from swim2real.robots.file import open_robot_file
 from swim2real.robots.fish import FISH, FISH_EXTENDED
 from swim2real.robots.robot import Sensor
+from swimbase.errors import ArgumentError, RobotError
 
 WHOLE = (ROBOT, RECORDINGS, DAMPING)
 SWIMMER = """

@@ -17,11 +17,11 @@ from test_file import TETRAHEDRON
 
 from made_robots import DAMPING, RECORDINGS, ROBOT, made
 from swim2real import consent
-from swim2real.errors import ConsentError, RobotError
 from swim2real.robots import load_robot
 from swim2real.robots.file import read_mjcf
 from swim2real.robots.fingerprint import fingerprint
 from swim2real.robots.mjcf_files import outside
+from swimbase.errors import ConsentError, RobotError
 
 BODY = '<body><geom size="1"/></body>'
 PIECE = f"<mujocoinclude>{BODY}</mujocoinclude>"

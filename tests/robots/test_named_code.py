@@ -13,8 +13,8 @@ import pytest
 
 from made_robots import ARM, DAMPING, RECORDINGS, ROBOT, made
 from swim2real import consent
-from swim2real.errors import ConsentError, RobotError
 from swim2real.robots import load_robot
+from swimbase.errors import ConsentError, RobotError
 
 TEXT = ROBOT.replace("arm.xml", "python:code.py:model")
 CODE = f"""

@@ -7,9 +7,9 @@ from hypothesis import strategies as st
 from made_robots import RECORDINGS, ROBOT, made, parameter
 from refused import refusal, says
 from swim2real.checks.effects import model_effects
-from swim2real.errors import RobotError
 from swim2real.robots import load_robot
 from swim2real.robots.read_back import check_targets, undone
+from swimbase.errors import RobotError
 
 LINKS = """
 <mujoco model="arm">

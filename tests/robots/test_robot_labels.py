@@ -2,11 +2,11 @@
 
 import pytest
 
-from swim2real.checking import check
-from swim2real.errors import RobotError
-from swim2real.names import quoted
 from swim2real.pipeline.drafting import draft_robot
 from swim2real.robots.schema import RobotTable
+from swimbase.checking import check
+from swimbase.errors import RobotError
+from swimbase.names import quoted
 
 HOSTILE = ("a\nb", "a\x1b[31m", "a\u202eb", "a\u200bb", "x" * 201)
 

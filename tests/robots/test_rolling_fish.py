@@ -6,10 +6,10 @@ import mujoco
 import numpy as np
 import pytest
 
+from fluidstep.step import FastStep, disagreement
 from swim2real.objective.head import head_motion
 from swim2real.robots.fish import FISH, FISH_ROLLING
 from swim2real.simulation import Simulator, Swim
-from swim2real.simulation.fast_step import FastStep, disagreement
 from swim2real.trials import Actuation
 
 PUBLISHED = FISH_ROLLING.space.published

@@ -4,9 +4,9 @@ import pytest
 
 from made_robots import ARM
 from refused import refusal, says
-from swim2real.errors import RobotError
 from swim2real.robots.compiled import same
 from swim2real.robots.targets import Target, attribute, attribute_names
+from swimbase.errors import RobotError
 
 
 @pytest.fixture

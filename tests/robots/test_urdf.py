@@ -7,9 +7,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from refused import refusal, says
-from swim2real.errors import ConsentError, RobotError
 from swim2real.pipeline.drafting import from_urdf
 from swim2real.robots.file import read_mjcf
+from swimbase.errors import ConsentError, RobotError
 
 INERTIAL = """<inertial><origin xyz="{x} 0 0"/><mass value="{mass}"/>
   <inertia ixx="4e-4" ixy="0" ixz="0" iyy="5e-4" iyz="0" izz="6e-4"/></inertial>"""

@@ -11,13 +11,13 @@ from made_robots import DAMPING, RECORDINGS, ROBOT, made
 from recorded import PENDULUM, PENDULUM_HIDDEN, blank, build_pendulum, recorded, telling, torque_table
 from refused import refusal, says
 from swim2real.calibration import Problem
-from swim2real.errors import RobotError
 from swim2real.parameters import Parameter, ParameterSpace
 from swim2real.robots import load_robot
 from swim2real.robots.drives import INTERPOLATED, TABLE
 from swim2real.robots.targets import Delay, Delays
 from swim2real.simulation import PlaybackSimulator
 from swim2real.trials import Signals
+from swimbase.errors import RobotError
 
 LATE = Parameter("late", "s", -0.05, 0.1, "How late.", 0.0)
 

@@ -4,8 +4,8 @@ import mujoco
 import numpy as np
 import pytest
 
+from fluidstep.step import FastStep, disagreement
 from swim2real.robots.fish import FISH
-from swim2real.simulation.fast_step import FastStep, disagreement
 from swim2real.simulation.stepper import Stepper
 
 SLIDES, TAIL = ("slide_x", "slide_y"), tuple(f"tail{i}" for i in range(5))

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from markertrack.track import MarkerTrack
 from recorded import (
     FLOATER,
     FLOATER_HIDDEN,
@@ -25,13 +26,13 @@ from refused import refusal, says
 from swim2real.calibration import Problem
 from swim2real.checks.reference import starts
 from swim2real.checks.resting import other_start
-from swim2real.errors import ArgumentError, TrialError
 from swim2real.robots.fish import FISH
 from swim2real.robots.robot import Trials
 from swim2real.settings import EvaluationSettings
 from swim2real.simulation import PlaybackSimulator
 from swim2real.simulation.playback import cut
-from swim2real.trials import MarkerTrack, Signals, TrialSet
+from swim2real.trials import Signals, TrialSet
+from swimbase.errors import ArgumentError, TrialError
 
 NOISE = 3e-4
 TIED_XML = """

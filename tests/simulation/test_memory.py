@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from markertrack.span import Span
 from recorded import blank, make_robot, recorded, telling, with_markers
 from swim2real.calibration import Problem
 from swim2real.parameters import Parameter, ParameterSpace
@@ -14,7 +15,6 @@ from swim2real.robots.drives import INTERPOLATED, TABLE
 from swim2real.robots.robot import Trials
 from swim2real.simulation import PlaybackSimulator
 from swim2real.trials import Signals, TrialSet
-from swim2real.trials.span import Span
 
 XML = """
 <mujoco>
@@ -69,7 +69,7 @@ def off(body, trial, time=0.3):
 def test_a_recording_that_is_cut_begins_as_it_went_on(kind, begin, seed):
     """The truth meets any part of a recording; so it does where the commands before it are known no more."""
     body = robot(kind)
-    cut = Span(begin).of_trial(whole(body, seed))
+    cut = whole(body, seed).within(Span(begin))
     assert off(body, cut) < 1e-5
     if kind not in ("delay", "muscle"):  # activations are fitted with the start; nothing shows what was on its way
         assert off(body, replace(cut, controls=cut.controls.cut(0.0, 9.0, before=0.0))) < 1e-4
@@ -77,7 +77,7 @@ def test_a_recording_that_is_cut_begins_as_it_went_on(kind, begin, seed):
 
 def test_lines_through_the_first_frames_take_what_was_commanded_before():
     body = robot("exact")
-    cut = Span(1.5).of_trial(whole(body, 1))
+    cut = whole(body, 1).within(Span(1.5))
     bare = replace(cut, controls=cut.controls.cut(0.0, 9.0, before=0.0))
     lines = telling(body, start="markers")
     assert off(lines, cut) < 5e-4 < 2e-3 < off(lines, bare)
@@ -107,7 +107,7 @@ def test_from_rest_nothing_is_remembered_but_earlier_commands():
 
 def test_the_loss_is_smooth_in_a_time_constant():
     body = robot("exact")
-    reference = TrialSet((Span(1.0).of_trial(whole(body, 2, noise=3e-4)),), body.marker_names)
+    reference = TrialSet((whole(body, 2, noise=3e-4).within(Span(1.0)),), body.marker_names)
     times = 0.3 + np.linspace(0, 0.01, 9)
     losses = [one.loss for one in Problem(body, reference, threads=1).evaluate_many([{"time": t} for t in times])]
     assert np.abs(np.diff(losses, 2)).max() < 0.05 * np.ptp(losses)
@@ -115,13 +115,13 @@ def test_the_loss_is_smooth_in_a_time_constant():
 
 def test_commands_on_straight_lines_drive_what_is_remembered():
     body = telling(robot("exact"), controls={"drive": INTERPOLATED})
-    assert off(body, Span(1.0).of_trial(whole(body, 3))) < 1e-5
+    assert off(body, whole(body, 3).within(Span(1.0))) < 1e-5
 
 
 @pytest.mark.slow
 def test_a_time_constant_is_found_in_recordings_from_mid_motion():
     body = robot("exact")
-    cut = [replace(Span(1.5).of_trial(whole(body, s, 5.0, 3e-4, 0.4)), name=str(s)) for s in (1, 2)]
+    cut = [replace(whole(body, s, 5.0, 3e-4, 0.4).within(Span(1.5)), name=str(s)) for s in (1, 2)]
     problem = Problem(body, TrialSet(tuple(cut), body.marker_names), threads=1)
     times = np.geomspace(0.2, 0.8, 13)
     losses = [one.loss for one in problem.evaluate_many([{"time": t} for t in times])]

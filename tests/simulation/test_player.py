@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
+from markertrack.track import MarkerTrack
 from recorded import (
     FLOATER,
     FLOATER_HIDDEN,
@@ -19,12 +20,12 @@ from recorded import (
     with_markers,
 )
 from refused import refusal, says
-from swim2real.errors import ArgumentError, EngineError, TrialError
 from swim2real.robots.drives import SPEED, Drive
 from swim2real.robots.fish import FISH
 from swim2real.robots.robot import Sensor, Trials
 from swim2real.simulation import Engine, PlaybackSimulator
-from swim2real.trials import MarkerTrack, Signals
+from swim2real.trials import Signals
+from swimbase.errors import ArgumentError, EngineError, TrialError
 
 PUBLISHED = PENDULUM.space.published
 AT_REST = telling(PENDULUM, start="rest")

@@ -7,14 +7,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from markertrack.track import MarkerTrack
 from recorded import blank, make_robot, recorded, telling, with_markers
 from refused import refusal, says
 from swim2real.calibration import Problem
-from swim2real.errors import TrialError
 from swim2real.parameters import Parameter, ParameterSpace
 from swim2real.robots.drives import TABLE
 from swim2real.robots.robot import Sensor, Trials
-from swim2real.trials import MarkerTrack, Signals, TrialSet
+from swim2real.trials import Signals, TrialSet
+from swimbase.errors import TrialError
 
 XML = """
 <mujoco>

@@ -2,10 +2,10 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
+from markertrack import frames
 from swim2real.robots.fish import FISH
 from swim2real.simulation.simulator import Cycle, steady_cycle
 from swim2real.simulation.stepper import Stepper
-from swim2real.trials import frames
 
 PHASES = np.arange(101) / 100
 

@@ -12,10 +12,10 @@ import pooch
 import pytest
 
 from refused import refusal, says
-from swim2real.errors import TrialError
 from swim2real.trials import fetch as room
 from swim2real.trials import load_reference
 from swim2real.trials.fetch import PAGE, SHA256, fetch
+from swimbase.errors import TrialError
 
 
 def made_up(number: int) -> bytes:

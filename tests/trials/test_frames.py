@@ -3,7 +3,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swim2real.trials import MarkerTrack, frames
+from markertrack import frames
+from markertrack.track import MarkerTrack
 from swimmers import Swimmer
 
 angles = st.floats(-np.pi, np.pi)

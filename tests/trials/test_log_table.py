@@ -6,9 +6,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from refused import refusal, says
-from swim2real.errors import ArgumentError, TrialError
 from swim2real.trials.log_table import choices, read_log
 from swim2real.trials.units import UNITS, factor, unit_of_header, without_unit
+from swimbase.errors import ArgumentError, TrialError
 
 
 @pytest.fixture

@@ -4,10 +4,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from markertrack.track import MarkerTrack
 from refused import refusal, says
-from swim2real.errors import TrialError
-from swim2real.trials import MarkerTrack
 from swim2real.trials.pose_tables import read_dlc, read_poses, write_dlc
+from swimbase.errors import TrialError
 
 HEADER = "scorer,net,net,net,net,net,net\nbodyparts,M0,M0,M0,M1,M1,M1\ncoords,x,y,likelihood,x,y,likelihood\n"
 LINES = HEADER.splitlines()

@@ -7,14 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from markertrack.track import MarkerTrack
 from refused import refusal, says
-from swim2real.errors import TrialError
-from swim2real.names import quoted
-from swim2real.trials import MarkerTrack, Signals, Trial, TrialSet, load_reference, save_reference
+from swim2real.trials import Signals, Trial, TrialSet, load_reference, save_reference
 from swim2real.trials.published import read_published
 from swim2real.trials.reference import add_trial
 from swim2real.trials.signals import write_signals
 from swim2real.trials.trial import Perspective
+from swimbase.errors import TrialError
+from swimbase.names import quoted
 from swimmers import REST, Swimmer
 
 SCALE = 0.142 / 180.0  # m per pixel

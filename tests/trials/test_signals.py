@@ -4,14 +4,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from markertrack.span import WHOLE, Span, spans
+from markertrack.track import MarkerTrack
 from refused import refusal, says
 from swim2real.calibration import reference_fingerprint
-from swim2real.errors import ArgumentError, TrialError
-from swim2real.trials import MarkerTrack, Signals, Trial, TrialSet, load_reference, save_reference
+from swim2real.trials import Signals, Trial, TrialSet, load_reference, save_reference
 from swim2real.trials.reference import add_trial
 from swim2real.trials.signals import MEMORY
-from swim2real.trials.span import WHOLE, Span, spans
 from swim2real.trials.timebase import Timebase
+from swimbase.errors import ArgumentError, TrialError
 
 NAMES = ("M0", "M1")
 
@@ -165,7 +166,7 @@ TRIAL = Trial("pull", TRACK, provenance="by hand", controls=CONTROLS, sensors=SE
 
 
 def test_a_stretch_of_a_trial_counts_its_times_from_its_first_frame():
-    cut = Span(2.0, 3.0).of_trial(TRIAL)
+    cut = TRIAL.within(Span(2.0, 3.0))
     np.testing.assert_allclose(cut.track.times, np.arange(21) / 20)
     np.testing.assert_array_equal(cut.track.positions, TRACK.positions[40:61])
     np.testing.assert_allclose(cut.sensors.times, np.arange(11) / 10)
@@ -173,14 +174,14 @@ def test_a_stretch_of_a_trial_counts_its_times_from_its_first_frame():
     assert (cut.provenance, cut.video_begin) == ("by hand, from 2 s to 3 s", 2.0)
     assert not cut.start  # it was that of another time
     assert str(cut.timebases["track"]) == "20 Hz by its time stamps, from the first row of pull.csv plus 2 s"
-    begun = Span(until=1.0).of_trial(TRIAL)
+    begun = TRIAL.within(Span(until=1.0))
     assert (begun.start, begun.video_begin, begun.track.frame_count) == ({"hip": 0.1}, 0.0, 21)
-    assert WHOLE.of_trial(TRIAL) is TRIAL
+    assert TRIAL.within(WHOLE) is TRIAL
 
 
 @pytest.mark.parametrize("begin", [0.0, 1.0, 1.9, 2.2, 2.5])
 def test_what_drove_it_is_the_same_at_the_same_moment(begin):
-    cut = Span(begin).of_trial(TRIAL)
+    cut = TRIAL.within(Span(begin))
     for name in ("a", "b"):
         np.testing.assert_array_equal(cut.controls.at(name, TIMES - begin), CONTROLS.at(name, TIMES))
     assert cut.controls.times[0] == pytest.approx(-begin)
@@ -229,7 +230,7 @@ def test_what_is_no_stretch_is_refused(begins, untils, parts):
 
 
 def test_a_reference_remembers_where_in_its_video_a_trial_begins(tmp_path):
-    cut = Span(2.0).of_trial(Trial("pull", TRACK, video=tmp_path / "pull.mp4", controls=CONTROLS))
+    cut = Trial("pull", TRACK, video=tmp_path / "pull.mp4", controls=CONTROLS).within(Span(2.0))
     save_reference(TrialSet((cut,), ("A", "B")), tmp_path)
     (read,) = load_reference(tmp_path)
     assert (read.video_begin, read.video) == (2.0, tmp_path / "pull.mp4")

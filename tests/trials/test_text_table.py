@@ -6,8 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from refused import refusal, says
-from swim2real.errors import TrialError
 from swim2real.trials.text_table import read_table
+from swimbase.errors import TrialError
 
 ROWS = [(0.01 * i, 0.3 + 0.01 * i, -0.48 + 0.02 * i) for i in range(12)]
 NAMES = ("time", "cmd", "q")

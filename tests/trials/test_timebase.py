@@ -5,8 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swim2real.trials import MarkerTrack, Signals, Trial
-from swim2real.trials.span import Span
+from markertrack.span import Span
+from markertrack.track import MarkerTrack
+from swim2real.trials import Signals, Trial
 from swim2real.trials.timebase import Timebase, contradictions, described
 
 
@@ -41,5 +42,5 @@ def test_what_is_not_on_record_is_said_by_stamps():
     )
     known = Trial("pull", pull.track, timebases={"track": Timebase("first frame of a.mp4", 60, "container")})
     assert described(known) == "track 60 Hz by its container, from the first frame of a.mp4"
-    cut = described(Span(0.5).of_trial(known))
+    cut = described(known.within(Span(0.5)))
     assert cut == "track 60 Hz by its container, from the first frame of a.mp4 plus 0.5 s"

@@ -1,10 +1,11 @@
 import numpy as np
 import pytest
 
+from markertrack.track import MarkerTrack
 from refused import refusal, says
-from swim2real.errors import TrialError
-from swim2real.trials import Actuation, MarkerTrack, Trial, TrialSet
+from swim2real.trials import Actuation, Trial, TrialSet
 from swim2real.trials.trial import Perspective
+from swimbase.errors import TrialError
 
 TIMES = np.array([0.0, 0.1, 0.2])
 

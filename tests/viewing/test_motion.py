@@ -7,10 +7,10 @@ from recorded import PENDULUM as ROBOT
 from recorded import PENDULUM_HIDDEN, PENDULUM_SPACE, pendulum_reference
 from small_models import snake
 from swim2real.calibration import Problem
-from swim2real.errors import EngineError, RobotError
 from swim2real.viewing import shown_model, shown_trial
 from swim2real.viewing.film import Outlines
 from swim2real.viewing.motion import _rigid
+from swimbase.errors import EngineError, RobotError
 
 
 def test_ghosts_of_a_recording_lie_on_its_own_simulation():

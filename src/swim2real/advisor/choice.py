@@ -14,13 +14,13 @@ from swim2real.advisor.vlm.client import ModelClient
 from swim2real.advisor.vlm.files import FilesClient
 from swim2real.advisor.vlm.reply import reply_schema
 from swim2real.advisor.vlm.transcript import Transcript, totals
-from swim2real.errors import ArgumentError
 from swim2real.objective import Comparison
 from swim2real.optimizers import Advice, Advisor, Measurement, Situation
 from swim2real.optimizers.advisor import reads_residuals
 from swim2real.parameters import ParameterSpace, Values
 from swim2real.robots.robot import Robot
 from swim2real.settings import FILES, PHYSICS, BriefingSettings, VlmAccess, check_advisor, replayed_run
+from swimbase.errors import ArgumentError
 
 
 @dataclass(frozen=True)

@@ -7,13 +7,14 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from markertrack.track import MarkerTrack
 from swim2real.calibration.file_models import Outcome, RecordedEvaluation
 from swim2real.calibration.run_settings import RunSettings
 from swim2real.optimizers.multi_start import AGREEMENT, agreeing
 from swim2real.parameters import ParameterSpace
 from swim2real.robots.robot import Sensor
 from swim2real.settings import CalibrationSettings
-from swim2real.trials import MarkerTrack, Trial
+from swim2real.trials import Trial
 
 _FALLING = 0.05  # of the loss, by which the last quarter of the budget may lower it in a run that has converged
 _FEW = 10  # evaluations of which nothing is said

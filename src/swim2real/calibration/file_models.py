@@ -11,8 +11,8 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from swim2real.calibration.from_rest import FromRest
 from swim2real.calibration.sensitivity import Sensitivity
-from swim2real.checking import Number
 from swim2real.objective.figures import Fact, FitFigures, Text
+from swimbase.checking import Number
 
 Whole = Annotated[int, Field(strict=True, ge=0, le=10**9)]
 Share = Annotated[float, Field(strict=True, ge=0, le=1)]

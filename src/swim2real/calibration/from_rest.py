@@ -13,11 +13,12 @@ from typing import Any
 
 import numpy as np
 
-from swim2real.checking import Number
+from markertrack.track import MarkerTrack
 from swim2real.objective.figures import Fact
 from swim2real.parameters import Values
 from swim2real.simulation import Simulator, Swim
-from swim2real.trials import Actuation, MarkerTrack, Trial
+from swim2real.trials import Actuation, Trial
+from swimbase.checking import Number
 
 _SETTLING = 3.0  # s at least until the direction is settled, and as long again to measure the speed
 

@@ -24,12 +24,12 @@ from swim2real.calibration.file_models import RecordedEvaluation
 from swim2real.calibration.problem import Problem
 from swim2real.calibration.run_folder import RunFolder
 from swim2real.calibration.sensitivity import Slopes
-from swim2real.errors import RunError
 from swim2real.objective import Comparison, evidence
 from swim2real.optimizers import Candidate, Evaluation, Optimizer
 from swim2real.parameters import ParameterSpace, Values, write_parameters
 from swim2real.settings import MINUTES
-from swim2real.store import reason
+from swimbase.errors import RunError
+from swimbase.store import reason
 
 Ending = Literal["done", "minutes", "budget"]
 

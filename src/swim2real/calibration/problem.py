@@ -10,7 +10,6 @@ import numpy as np
 
 from swim2real.calibration.from_rest import backward_at_first, settled, swims_from_rest
 from swim2real.calibration.protocols import Protocol, protocol_for
-from swim2real.errors import TrialError
 from swim2real.objective import Comparison
 from swim2real.objective.comparison import UnfilmedSwim
 from swim2real.parameters import Values
@@ -19,6 +18,7 @@ from swim2real.settings import HORIZON, EvaluationSettings, ProtocolName, Start
 from swim2real.simulation import Engine, ForwardModel
 from swim2real.simulation.forward_model import thread_count
 from swim2real.trials import Trial, TrialSet
+from swimbase.errors import TrialError
 
 _LONG = 2.0  # s, of a swim that no trial shows: about what a trial counts for
 _ENOUGH = 0.5  # share of the speed that trials show at its frequency; below theirs, of one that grows with it from 0

@@ -16,27 +16,19 @@ from typing import Any, ClassVar, Generic, TypeVar
 
 import numpy as np
 
+from markertrack.quality import LostMarkers, TrackQuality, check_bodies, check_plausible, check_track, doubled_rate
 from swim2real.calibration.from_rest import from_rest
 from swim2real.checks.resting import better_starts
-from swim2real.errors import ArgumentError, TrialError
 from swim2real.objective import ComparedTrial, Target, compare_playback, compare_steady, playback_target, steady_target
 from swim2real.objective.comparison import rounded
 from swim2real.parameters import Values
 from swim2real.robots.robot import Robot
 from swim2real.settings import ProtocolName, Start, chooses_start
 from swim2real.simulation import ForwardModel, PlaybackSimulator, Simulator
-from swim2real.tracking import (
-    Beat,
-    LostMarkers,
-    TrackQuality,
-    check_bodies,
-    check_plausible,
-    check_track,
-    doubled_rate,
-    identify_beat,
-)  # fmt: skip
 from swim2real.trials import Actuation, Trial, TrialSet
+from swim2real.trials.beat import Beat, identify_beat
 from swim2real.trials.timebase import contradictions
+from swimbase.errors import ArgumentError, TrialError
 
 Model = TypeVar("Model", bound=ForwardModel[Any])
 
@@ -155,7 +147,7 @@ def examine_swims(reference: TrialSet, robot: Robot) -> tuple[RealSwim, ...]:
     swims: list[RealSwim] = []
     for filmed in reference:
         trial = filmed.seen_from_afar() if robot.swims.from_afar else filmed
-        check_plausible(trial, robot.rest_markers, robot.marker_names)
+        check_plausible(trial.track, robot.rest_markers, robot.marker_names, trial.name)
         quality = check_track(trial.track, robot.rest_markers)
         swims.append(
             RealSwim(trial, quality, identify_beat(trial.track, robot.swims.tail_markers, quality, trial.name))
@@ -280,7 +272,7 @@ class Playback(Protocol[PlaybackSimulator]):
     def _prepared(
         self, trial: Trial, robot: Robot, simulator: PlaybackSimulator, horizon: float | None, start: str | None
     ) -> PreparedTrial:
-        check_plausible(trial, robot.rest_markers, robot.marker_names)
+        check_plausible(trial.track, robot.rest_markers, robot.marker_names, trial.name)
         trials, lost, cut = robot.trials, check_bodies(trial.track, robot.marker_bodies), trial.cut(horizon)
         weights = lost.weights[: cut.track.frame_count]
         scales = {sensor.name: sensor.meters_per_unit for sensor in trials.sensors}

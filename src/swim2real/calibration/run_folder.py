@@ -8,12 +8,12 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, cast
 
-from swim2real import store
 from swim2real.calibration.file_models import Outcome, RecordedEvaluation
 from swim2real.calibration.run_settings import FORMAT, RunSettings
-from swim2real.checking import check, shown
-from swim2real.errors import ArgumentError, RunError
 from swim2real.parameters.file import BEST
+from swimbase import store
+from swimbase.checking import check, shown
+from swimbase.errors import ArgumentError, RunError
 
 SETTINGS, RECORD, OUTCOME, TRIALS = "settings.json", "record.jsonl", "outcome.json", "trials.npz"
 # what is written only by the process that has the run

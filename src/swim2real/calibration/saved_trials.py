@@ -9,10 +9,10 @@ from typing import Any, get_args, get_type_hints
 import numpy as np
 
 from swim2real.calibration.run_folder import TRIALS, RunFolder
-from swim2real.errors import RunError
 from swim2real.objective import ComparedBeat, ComparedHead, ComparedProgress, ComparedSensor, ComparedTrial, Comparison
 from swim2real.objective.head import HeadMotion, Oscillation
 from swim2real.objective.trial import LossFigure
+from swimbase.errors import RunError
 
 _LARGEST = 1e15  # of a number, in whatever unit
 _SHAPES: Mapping[Any, Mapping[str, str]] = {

@@ -15,9 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
+from markertrack import frames
+from markertrack.track import MarkerTrack
 from swim2real.formatting import listed
 from swim2real.robots.robot import Robot
-from swim2real.trials import MarkerTrack, Signals, Trial, frames
+from swim2real.trials import Signals, Trial
 
 Array = NDArray[np.float64]
 Undo = Callable[[Sequence[Trial]], list[Trial]]

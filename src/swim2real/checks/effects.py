@@ -12,7 +12,6 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from swim2real.errors import RobotError
 from swim2real.parameters import Parameter
 from swim2real.robots.compiled import compiled, same
 from swim2real.robots.drives import Drive
@@ -20,6 +19,7 @@ from swim2real.robots.file import CalibratedParameter, RobotFile
 from swim2real.robots.read_back import undone
 from swim2real.robots.robot import Robot
 from swim2real.robots.targets import Selection
+from swimbase.errors import RobotError
 
 _FLAGS = {
     "damping": ("DAMPER", "PASSIVE"), "frictionloss": ("FRICTIONLOSS",), "friction": ("CONTACT",),

@@ -14,6 +14,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from markertrack.quality import check_plausible
+from markertrack.track import MarkerTrack
 from swim2real.checks.changes import (
     Change,
     moved,
@@ -25,13 +27,12 @@ from swim2real.checks.changes import (
     of_readings,
 )
 from swim2real.checks.motion import Motion, Parts, Prepared, error, share, unlike
-from swim2real.errors import TrialError
 from swim2real.formatting import listed
 from swim2real.parameters import Values
 from swim2real.robots.robot import Robot
 from swim2real.simulation.pose import PoseFit
-from swim2real.tracking import check_plausible
-from swim2real.trials import MarkerTrack, Trial, TrialSet
+from swim2real.trials import Trial, TrialSet
+from swimbase.errors import TrialError
 
 Array = NDArray[np.float64]
 
@@ -296,7 +297,7 @@ def _of_poses(robot: Robot, reference: TrialSet) -> list[str]:
         if misfit <= _NO_POSE * size:
             continue
         try:
-            check_plausible(trial, robot.rest_markers, robot.marker_names)
+            check_plausible(trial.track, robot.rest_markers, robot.marker_names, trial.name)
             said = _unposed(robot, poses, some, misfit)
         except TrialError as refused:
             said = str(refused).removeprefix(f"trial '{trial.name}': ")

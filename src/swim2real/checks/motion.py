@@ -14,14 +14,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from swim2real.errors import TrialError
+from markertrack.track import MarkerTrack
 from swim2real.objective import compare_playback, playback_target
 from swim2real.objective.target import Target
 from swim2real.parameters import Values
 from swim2real.robots.robot import Robot
 from swim2real.simulation.forward_model import model_of
 from swim2real.simulation.playback import PlaybackSimulator, Rollout
-from swim2real.trials import MarkerTrack, Trial, TrialSet
+from swim2real.trials import Trial, TrialSet
+from swimbase.errors import TrialError
 
 Array = NDArray[np.float64]
 

@@ -13,14 +13,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import qr
 
+from markertrack.track import MarkerTrack
 from swim2real.checks.effects import ModelEffect, model_effects
-from swim2real.errors import EngineError
 from swim2real.parameters import Parameter, Values
 from swim2real.robots.robot import Robot
 from swim2real.simulation.playback import PlaybackSimulator
 from swim2real.simulation.simulator import Simulator, Swim
 from swim2real.simulation.start import FITTED, MARKERS, REST
-from swim2real.trials import Actuation, MarkerTrack, Signals, Trial, TrialSet
+from swim2real.trials import Actuation, Signals, Trial, TrialSet
+from swimbase.errors import EngineError
 
 NOISE = 1e-9  # m, by which markers may move where a parameter has no effect
 FAINT = 1e-5  # m, less than which no camera sees

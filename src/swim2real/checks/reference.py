@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from swim2real.errors import Swim2RealError, TrialError
+from markertrack.frames import to_body
 from swim2real.robots.robot import Robot, Trials
 from swim2real.simulation.playback import PlaybackSimulator
 from swim2real.simulation.start import STRETCH
 from swim2real.trials import Trial, TrialSet
-from swim2real.trials.frames import to_body
+from swimbase.errors import Swim2RealError, TrialError
 
 
 def misfits(robot: Robot, reference: TrialSet) -> list[str]:

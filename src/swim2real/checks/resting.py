@@ -12,13 +12,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from markertrack.track import MarkerTrack
 from swim2real.checks.motion import Motion, error
-from swim2real.errors import Swim2RealError, TrialError
 from swim2real.robots.robot import Robot
 from swim2real.settings import HORIZON
 from swim2real.simulation.playback import PlaybackSimulator
 from swim2real.simulation.start import FITTED, MARKERS, REST, STRETCH, WINDOW, FirstFrames
-from swim2real.trials import MarkerTrack, Trial, TrialSet
+from swim2real.trials import Trial, TrialSet
+from swimbase.errors import Swim2RealError, TrialError
 
 Array = NDArray[np.float64]
 

@@ -11,7 +11,7 @@ import tyro
 
 from swim2real.cli.options import Positional, finite_above_0
 from swim2real.cli.terminal import say
-from swim2real.errors import ArgumentError
+from swimbase.errors import ArgumentError
 
 From = Annotated[float, tyro.conf.arg(name="from")]
 
@@ -37,10 +37,10 @@ def board(
     if counts is None:
         raise ArgumentError(f"--squares is '{squares}'; write the squares along both sides, such as 9x6")
     finite_above_0("square-size", square_size, unit=" m")
-    from swim2real.tracking.camera import fit_plane, local_scale
-    from swim2real.tracking.camera_file import CameraFile, find_board, read_camera, write_camera
-    from swim2real.trials.span import Span
-    from swim2real.video import first_frame
+    from markertrack.camera import fit_plane, local_scale
+    from markertrack.camera_file import CameraFile, find_board, read_camera, write_camera
+    from markertrack.span import Span
+    from markertrack.video import first_frame
 
     known = read_camera(to) if to.exists() else CameraFile()
     corners, places = find_board(

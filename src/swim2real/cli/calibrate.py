@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 
 from swim2real.cli.options import Positional, RobotOption
 from swim2real.cli.terminal import say, say_json, tell
-from swim2real.errors import RunError
 from swim2real.settings import CalibrationSettings, IdentifiabilitySettings, VlmAccess, expand_seeds
+from swimbase.errors import RunError
 
 if TYPE_CHECKING:
     from swim2real.calibration import Outcome
@@ -85,7 +85,7 @@ def _best_of(
     The copy lies as deep as the runs, so that paths that are relative to them hold.
     """
     from swim2real.calibration import RunFolder
-    from swim2real.store import LOCK, whole_folder
+    from swimbase.store import LOCK, whole_folder
 
     if RunFolder(out).exists and not resume:
         raise RunError(f"'{out}' holds a run already; go on with --resume or choose another folder")

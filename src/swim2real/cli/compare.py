@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 from swim2real.cli.options import Positional, RobotOption
 from swim2real.cli.terminal import say, say_json, tell
-from swim2real.errors import ArgumentError
 from swim2real.settings import ComparisonSettings, VlmAccess
+from swimbase.errors import ArgumentError
 
 if TYPE_CHECKING:
     from swim2real.comparison import ComparisonResults

@@ -9,14 +9,14 @@ from swim2real.calibration import RunFolder, examine_swims
 from swim2real.cli.terminal import tell
 from swim2real.comparison import ComparisonResults, load_results
 from swim2real.comparison.tables import all_tables
-from swim2real.errors import RunError, TrialError
 from swim2real.objective import steady_target
 from swim2real.objective.elongated_body import predict_speeds
 from swim2real.report.comparison_page import write_comparison_report
 from swim2real.report.paper_figures import write_figures
 from swim2real.robots.robot import Robot
-from swim2real.store import read_json, reason, write_text
 from swim2real.trials import TrialSet
+from swimbase.errors import RunError, TrialError
+from swimbase.store import read_json, reason, write_text
 
 TABLES, THEORY = "tables.md", "theory.json"
 

@@ -10,16 +10,16 @@ from collections.abc import Generator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+from motorline.commands import FISH, XW540_T140, CommandTable, MotorLimits, is_speed, read_table
+from motorline.control_table import MotorError
+from motorline.motors import APPROACH, Identity, Motors
+from motorline.motors_file import MotorSettings, fish_motor, read_motors
+from motorline.schedule import ON_TIME, real_time_priority
+from motorline.sending import SendingResult, check_time, log_file, log_header, send
 from swim2real.cli.options import Positional
 from swim2real.cli.terminal import say, say_json, tell
-from swim2real.deployment.commands import FISH, XW540_T140, CommandTable, MotorLimits, is_speed, read_table
-from swim2real.deployment.control_table import MotorError
-from swim2real.deployment.motors import APPROACH, Identity, Motors
-from swim2real.deployment.motors_file import MotorSettings, fish_motor, read_motors
-from swim2real.deployment.schedule import ON_TIME, real_time_priority
-from swim2real.deployment.sending import SendingResult, check_time, log_file, log_header, send
-from swim2real.errors import ArgumentError
 from swim2real.interruption import Interruption
+from swimbase.errors import ArgumentError
 
 _SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP")  # SIGHUP: the connection to the fish is lost
 
@@ -77,7 +77,7 @@ def deploy(options: DeployOptions) -> int:
         raise ArgumentError(f"--repeat is {options.repeat}; it must be 1 or above")
     if not (math.isfinite(options.approach) and options.approach > 0):
         raise ArgumentError(f"--approach is {options.approach:g}; it must be finite and above 0, in rad/s")
-    from swim2real.deployment.bus import Bus  # which brings the motors' library
+    from motorline.bus import Bus  # which brings the motors' library
 
     table = read_table(options.commands)
     settings = _settings(options, table)
@@ -186,7 +186,7 @@ def _port(options: DeployOptions, motors: Sequence[MotorSettings]) -> Generator[
         return
     words = [f"{motor.id}:{motor.model.name}" for motor in motors]
     with subprocess.Popen(
-        [sys.executable, "-m", "swim2real.deployment.emulator", str(options.baud), *words],
+        [sys.executable, "-m", "emulator", str(options.baud), *words],
         stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, start_new_session=True,
     ) as emulator:  # fmt: skip
         stdin, stdout = emulator.stdin, emulator.stdout

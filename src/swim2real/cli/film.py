@@ -12,18 +12,19 @@ import tyro
 
 from swim2real.cli.options import From, Positional, finite_above_0, for_robot, one_each, word
 from swim2real.cli.terminal import say, say_json, tell
-from swim2real.errors import ArgumentError, Swim2RealError, TrialError
-from swim2real.names import composed
 from swim2real.settings import TrackingSettings
+from swimbase.errors import ArgumentError, Swim2RealError, TrialError
+from swimbase.names import composed
 
 if TYPE_CHECKING:
+    from markertrack.camera import Camera
+    from markertrack.camera_file import CameraFile
+    from markertrack.span import Span
+    from markertrack.track import MarkerTrack
     from swim2real.calibration import Problem
     from swim2real.pipeline import TrackingReport
     from swim2real.robots.robot import Robot
-    from swim2real.tracking.camera import Camera
-    from swim2real.tracking.camera_file import CameraFile
-    from swim2real.trials import MarkerTrack, Trial, TrialSet
-    from swim2real.trials.span import Span
+    from swim2real.trials import Trial, TrialSet
 
 AUTO = "auto"
 LOST = "Frames for which each marker is lost [%]"
@@ -65,10 +66,10 @@ def pick(
     rates = _rates(fps, len(videos))
     if out is not None and len(videos) > 1:
         raise ArgumentError(f"--out '{out}' is one page for {len(videos)} videos; leave it out")
+    from markertrack.pages import write_pick_page
+    from markertrack.span import spans
+    from markertrack.video import film_name, film_title, first_frame
     from swim2real.robots import load_robot
-    from swim2real.tracking.pages import write_pick_page
-    from swim2real.trials.span import spans
-    from swim2real.video import film_name, film_title, first_frame
 
     begins = [span.begin for span in spans(begin, (), len(videos), "videos")]
     body = load_robot(robot, markers_only=True)
@@ -142,10 +143,10 @@ def track(
     from swim2real.cli.progress import films_shown, loading
 
     with loading(f"reading {', '.join(video.name for video in videos)}", quiet or json):
+        from markertrack.span import spans
         from swim2real.pipeline import TRACKS, TrackedVideo, track_videos
         from swim2real.robots import load_robot
         from swim2real.trials import load_reference
-        from swim2real.trials.span import spans
 
         stretches = spans(begin, until, count, "videos")
         points = [AUTO] * count if markers == (AUTO,) else list(markers)
@@ -201,13 +202,13 @@ def import_tracks(
         one_each(option, values, len(tables), "tables")
     finite_above_0("frequency", *frequency, unit=" Hz")
     finite_above_0("fps", fps)
+    from markertrack.camera_file import read_camera
+    from markertrack.span import spans
     from swim2real.robots import load_robot
-    from swim2real.tracking.camera_file import read_camera
     from swim2real.trials import Trial
     from swim2real.trials.published import nominal_frequency
     from swim2real.trials.reference import add_trial
     from swim2real.trials.signals import read_signals
-    from swim2real.trials.span import spans
     from swim2real.trials.timebase import TABLES, Timebase, by_stamps, contradictions
 
     stretches = spans(begin, until, len(tables), "tables")
@@ -225,15 +226,13 @@ def import_tracks(
     driven, measured = ([read_signals(path) for path in paths] or none for paths in (controls, sensors))
     for i, (name, (path, span, pixels, scale, notes)) in enumerate(read.items()):
         clocks = {"track": Timebase(f"first frame of the video of {path.name}", fps, "given")}
-        trial = span.of_trial(
-            Trial(
-                name, scale.to_meters(pixels), frequency[i] if frequency else nominal_frequency(name),
-                scale.scale.meters_per_pixel,
-                f"pose table {path.name}, {fps:g} fps" + ("" if camera is None else f", camera {camera.name}"),
-                controls=driven[i], sensors=measured[i],
-                timebases=clocks | by_stamps(TABLES, controls=driven[i], sensors=measured[i]),
-            )
-        )  # fmt: skip
+        trial = Trial(
+            name, scale.to_meters(pixels), frequency[i] if frequency else nominal_frequency(name),
+            scale.scale.meters_per_pixel,
+            f"pose table {path.name}, {fps:g} fps" + ("" if camera is None else f", camera {camera.name}"),
+            controls=driven[i], sensors=measured[i],
+            timebases=clocks | by_stamps(TABLES, controls=driven[i], sensors=measured[i]),
+        ).within(span)  # fmt: skip
         add_trial(to, trial, body.marker_names)
         mm_per_pixel = 1e3 * scale.scale.meters_per_pixel
         say(f"{name}: {pixels.frame_count} frames, {pixels.duration:.2f} s, {mm_per_pixel:.4f} mm per pixel")
@@ -262,9 +261,9 @@ def cut(
         until: End of the stretch [s]; one for all trials, or one for each.
         trials: Names of the trials; by default all.
     """
+    from markertrack.span import spans
     from swim2real.trials import load_reference
     from swim2real.trials.reference import add_trial
-    from swim2real.trials.span import spans
 
     if to.resolve() == reference.resolve():
         raise ArgumentError(
@@ -273,7 +272,7 @@ def cut(
     whole = load_reference(reference)
     chosen = [whole[name] for name in trials or whole.names]
     stretches = spans(begin, until, len(chosen), "trials")
-    pieces = [span.of_trial(trial) for trial, span in zip(chosen, stretches, strict=True)]  # before any is written
+    pieces = [trial.within(span) for trial, span in zip(chosen, stretches, strict=True)]  # before any is written
     for trial, piece in zip(chosen, pieces, strict=True):
         add_trial(to, piece, whole.marker_names)
         say(
@@ -364,7 +363,7 @@ def _read_track(
     path: Path, fps: float, known: CameraFile | None, robot: Robot, span: Span
 ) -> tuple[MarkerTrack, Camera, list[str]]:
     """A stretch of a track in pixels with the robot's markers in order, its camera, and what to tell of it."""
-    from swim2real.tracking.camera import camera_for
+    from markertrack.camera import camera_for
     from swim2real.trials.pose_tables import read_poses
 
     track, notes = read_poses(path, fps, robot.marker_names)

@@ -32,9 +32,9 @@ from swim2real.cli.robot import check, export_model, init
 from swim2real.cli.study import ensemble, identify, next_trial
 from swim2real.cli.terminal import LogLine, say, tell, warning_line
 from swim2real.cli.view import view
-from swim2real.errors import ArgumentError, Swim2RealError
-from swim2real.names import quoted
-from swim2real.store import reason
+from swimbase.errors import ArgumentError, Swim2RealError
+from swimbase.names import quoted
+from swimbase.store import reason
 
 Command = Callable[..., int]
 # in the order of a user's day; a command imports what it works with when it runs, so that --help is quick

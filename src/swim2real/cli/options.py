@@ -9,7 +9,7 @@ from typing import Annotated
 
 import tyro
 
-from swim2real.errors import ArgumentError
+from swimbase.errors import ArgumentError
 
 Positional = tyro.conf.Positional
 RobotOption = Annotated[str, tyro.conf.arg(aliases=["--parameters"])]

@@ -15,8 +15,8 @@ from tyro.conf import PositionalRequiredArgs
 
 from swim2real.cli.options import PUBLISHED, Positional, word
 from swim2real.cli.terminal import say, say_json, tell
-from swim2real.errors import ArgumentError, Swim2RealError
 from swim2real.settings import TrainingSettings, expand_seeds
+from swimbase.errors import ArgumentError, Swim2RealError
 
 if TYPE_CHECKING:
     from swim2real.rl.assessment import Assessment
@@ -210,7 +210,7 @@ def rollout(
     from swim2real.rl.rollout import save_episodes
     from swim2real.rl.tasks import STAGES, ReachGoal, find_task
     from swim2real.rl.training_run import TrainingRun
-    from swim2real.store import source_at, write_json
+    from swimbase.store import source_at, write_json
 
     run = TrainingRun.open(policy, robot=robot)
     others = [TrainingRun.open(folder, robot=robot) for folder in beside]
@@ -286,13 +286,13 @@ def export_commands(
             sets that the policy was trained with.
         json: Print what was written as JSON.
     """
-    from swim2real.deployment.commands import FISH, RATE, CommandTable, write_table
+    from motorline.commands import FISH, RATE, CommandTable, write_table
     from swim2real.identification.ensemble import read_ensemble
     from swim2real.objective.expected_run import ENDING
     from swim2real.rl.assessment import policy_commands
     from swim2real.rl.expectation import expect
     from swim2real.rl.training_run import TrainingRun
-    from swim2real.store import write_arrays, write_json
+    from swimbase.store import write_arrays, write_json
 
     if out.suffix not in (".csv", ".npz"):
         raise ArgumentError(f"--out is '{out}'; it must end in .csv, for `deploy`, or in .npz, for other controllers")

@@ -14,9 +14,9 @@ from rich.progress import Progress as Bar
 from rich.text import Text
 
 from swim2real.cli.tables import progress_console
-from swim2real.errors import Swim2RealError
-from swim2real.escaping import visible
 from swim2real.interruption import Interruption
+from swimbase.errors import Swim2RealError
+from swimbase.escaping import visible
 
 if TYPE_CHECKING:
     from swim2real.advisor import AdvisorEvent

@@ -9,7 +9,7 @@ import tyro
 
 from swim2real.cli.options import Positional, finite_above_0, one_each, word
 from swim2real.cli.terminal import say, tell
-from swim2real.errors import ArgumentError, Swim2RealError
+from swimbase.errors import ArgumentError, Swim2RealError
 
 Named = Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME=COLUMN[:UNIT] ...")]
 NamedPairs = Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME=XCOLUMN,YCOLUMN[:UNIT] ...")]
@@ -52,14 +52,14 @@ def import_recording(
     for option, values in (("control-tables", control_tables), ("frequency", frequency)):
         one_each(option, values, len(tables), "tables")
     finite_above_0("frequency", *frequency, unit=" Hz")
+    from markertrack.span import spans
     from swim2real.checks.mistakes import judged
-    from swim2real.names import composed
     from swim2real.pipeline.recording import Recorded, Wanted, recorded
     from swim2real.robots import load_robot
     from swim2real.trials import TrialSet, load_reference
     from swim2real.trials.log_table import read_log
     from swim2real.trials.reference import INDEX, add_trial, check_folder
-    from swim2real.trials.span import spans
+    from swimbase.names import composed
 
     stretches = spans(begin, until, len(tables), "tables")
     body = load_robot(robot, markers_only=True)

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 
 from swim2real.cli.options import From, Positional
 from swim2real.cli.terminal import say, say_json, tell
-from swim2real.errors import ArgumentError
 from swim2real.settings import EvaluationSettings
+from swimbase.errors import ArgumentError
 
 if TYPE_CHECKING:
     from swim2real.parameters import Values
@@ -131,12 +131,12 @@ def _draw_on_films(
     parameters: Path, given: str | None, settings: EvaluationSettings, reference: Path, out: Path,
     videos: tuple[Path, ...], camera: Path | None, begins: tuple[float, ...], untils: tuple[float, ...],
 ) -> None:  # fmt: skip
+    from markertrack.camera_file import read_camera
+    from markertrack.span import Span, spans
     from swim2real.calibration import Problem
     from swim2real.cli.subject import robot_for, values_of
     from swim2real.pipeline.overlays import chosen_trials, draw_on_film
-    from swim2real.tracking.camera_file import read_camera
     from swim2real.trials import TrialSet, load_reference
-    from swim2real.trials.span import Span, spans
 
     if settings.pieces is not None:
         raise ArgumentError("--pieces cuts trials into pieces, which can't be drawn on a film; leave it out")
@@ -183,10 +183,10 @@ def simulate(
     from swim2real.calibration import RunFolder
     from swim2real.cli import tables
     from swim2real.cli.subject import robot_for, values_for
-    from swim2real.errors import EngineError
     from swim2real.identification.identifiability import sets_that_fit
-    from swim2real.store import write_arrays
     from swim2real.trials import TrialSet
+    from swimbase.errors import EngineError
+    from swimbase.store import write_arrays
 
     body = robot_for(parameters, robot)
 

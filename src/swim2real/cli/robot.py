@@ -10,8 +10,8 @@ import tyro
 from swim2real import consent
 from swim2real.cli.options import PUBLISHED, Positional, word
 from swim2real.cli.terminal import say
-from swim2real.errors import ArgumentError, RobotError
 from swim2real.settings import all_cores
+from swimbase.errors import ArgumentError, RobotError
 
 Folders = Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME=FOLDER ...")]
 
@@ -63,7 +63,7 @@ def init(
 
 def _write_model(converted: Converted, urdf: Path, force: bool) -> int:
     """Writes the MJCF file of a URDF beside it, and tells what it lacks."""
-    from swim2real.store import reason, write_text
+    from swimbase.store import reason, write_text
 
     out = urdf.with_suffix(".xml")
     if out.exists() and not force:
@@ -122,8 +122,8 @@ def export_model(parameters: Positional[Path], *, out: Path, robot: str | None =
     from swim2real.parameters import read_parameters
     from swim2real.robots.compiled import largest_difference
     from swim2real.robots.mjcf_files import outside
-    from swim2real.store import write_text
     from swim2real.viewing.scenery import furnish
+    from swimbase.store import write_text
 
     body = robot_for(parameters, robot)
     published = str(parameters) == PUBLISHED

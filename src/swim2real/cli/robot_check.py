@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from markertrack.drawing import to_pillow
 from swim2real.calibration import Problem
 from swim2real.checks.delays import delays
 from swim2real.checks.effects import why_no_effect
@@ -17,8 +18,6 @@ from swim2real.checks.reference import misfits, starts
 from swim2real.checks.resting import better_starts, other_start, started
 from swim2real.cli.tables import millimeters, table
 from swim2real.cli.terminal import say
-from swim2real.errors import ArgumentError, EngineError, TrialError
-from swim2real.rendering.drawing import to_pillow
 from swim2real.rendering.marker_map import marker_map
 from swim2real.robots import ROBOTS, load_robot, robot_file
 from swim2real.robots.drives import Drive
@@ -28,6 +27,7 @@ from swim2real.settings import HORIZON
 from swim2real.simulation.pose import MarkerView
 from swim2real.simulation.start import STRETCH
 from swim2real.trials import TrialSet, load_reference
+from swimbase.errors import ArgumentError, EngineError, TrialError
 
 
 def check_robot(name: str, reference_folder: Path | None, out: Path | None, threads: int | None) -> bool:

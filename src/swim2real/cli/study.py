@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 from swim2real.cli.options import Positional, word
 from swim2real.cli.terminal import say, say_json, tell
-from swim2real.errors import ArgumentError
 from swim2real.settings import EnsembleSettings, IdentifiabilitySettings, all_cores
+from swimbase.errors import ArgumentError
 
 if TYPE_CHECKING:
     from swim2real.identification.finished_run import FinishedRun
@@ -106,8 +106,8 @@ def study_shown(
 def _print_so_far(run: FinishedRun) -> None:
     """What an interrupted study knows of each parameter, by the slopes of what it evaluated."""
     from swim2real.cli import tables
-    from swim2real.errors import Swim2RealError
     from swim2real.identification.identifiability import known_so_far
+    from swimbase.errors import Swim2RealError
 
     with suppress(Swim2RealError, OSError):  # nothing is evaluated yet
         lowest, ranges = known_so_far(run)
@@ -191,9 +191,9 @@ def next_trial(
         json: Print JSON.
         quiet: Print no progress.
     """
+    from motorline.commands import FISH, read_table
     from swim2real.cli.subject import robot_for
     from swim2real.cli.tables import progress_console
-    from swim2real.deployment.commands import FISH, read_table
     from swim2real.identification.finished_run import reopen
     from swim2real.identification.next_trial import COMMANDS, fitting_sets, judged_trials, write_next
     from swim2real.identification.possible_trials import possible_trials

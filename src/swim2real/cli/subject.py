@@ -9,13 +9,13 @@ from typing import Protocol
 from swim2real.calibration import Problem
 from swim2real.cli.options import DEFAULT_ROBOT, PUBLISHED
 from swim2real.cli.terminal import tell
-from swim2real.errors import ArgumentError, ParameterError, RobotError
 from swim2real.parameters import read_parameters, robot_of
 from swim2real.robots import load_robot
 from swim2real.robots.robot import Robot
 from swim2real.settings import EvaluationSettings
 from swim2real.simulation import Engine
 from swim2real.trials import load_reference
+from swimbase.errors import ArgumentError, ParameterError, RobotError
 
 
 class Simulates(Protocol):

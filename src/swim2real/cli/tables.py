@@ -12,8 +12,8 @@ from rich.table import Table
 from rich.text import Text
 
 from swim2real.cli.terminal import say
-from swim2real.escaping import visible
 from swim2real.objective.figures import SENSORS, FitFigures, figure_values, figures_for, sensor_figure
+from swimbase.escaping import visible
 
 if TYPE_CHECKING:
     from swim2real.calibration.sensitivity import Sensitivity

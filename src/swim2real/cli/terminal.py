@@ -12,7 +12,7 @@ import sys
 import warnings
 from typing import Any
 
-from swim2real.escaping import visible
+from swimbase.escaping import visible
 
 _format_warning = warnings.formatwarning
 

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Literal
 
 from swim2real.cli.options import PUBLISHED, Positional
 from swim2real.cli.terminal import say, tell
-from swim2real.errors import ArgumentError
 from swim2real.settings import EvaluationSettings
+from swimbase.errors import ArgumentError
 
 if TYPE_CHECKING:
     from swim2real.parameters import Values

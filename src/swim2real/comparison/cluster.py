@@ -19,8 +19,8 @@ from typing import Any
 
 from swim2real.calibration import versions
 from swim2real.comparison.plan import writing
-from swim2real.errors import ArgumentError, MissingExtraError, RunError, Swim2RealError
-from swim2real.store import write_text
+from swimbase.errors import ArgumentError, MissingExtraError, RunError, Swim2RealError
+from swimbase.store import write_text
 
 SESSION = ".session"
 _HIDDEN_TIME = 10.0  # s that a network file system may take to show a new file

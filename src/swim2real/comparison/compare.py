@@ -23,7 +23,6 @@ from swim2real.calibration.run_folder import RECORD, SETTINGS
 from swim2real.comparison.cluster import SESSION, SessionEnded, check_session, dask_cluster, explain_failure, session
 from swim2real.comparison.plan import PROBLEM, RUNS, Job, Plan, read_plan
 from swim2real.comparison.results import ComparisonResults, read_results, write_results
-from swim2real.errors import RunError, Swim2RealError
 from swim2real.pipeline import calibrate
 from swim2real.pipeline.methods import METHODS
 from swim2real.processes import ProcessPool
@@ -31,8 +30,9 @@ from swim2real.robots.read_back import check_targets
 from swim2real.robots.robot import Robot
 from swim2real.settings import VlmAccess, asks_a_vlm
 from swim2real.simulation import Engine
-from swim2real.store import LOCK, MOST_RECORD, locked, reason, remove_leftovers, source_from, write_text
 from swim2real.trials import TrialSet
+from swimbase.errors import RunError, Swim2RealError
+from swimbase.store import LOCK, MOST_RECORD, locked, reason, remove_leftovers, source_from, write_text
 
 _PROGRESS_INTERVAL = 1.0  # s
 _LOCK_TIMEOUT = 60.0  # s that a run folder is waited for, which a worker taken for lost may still hold

@@ -13,10 +13,7 @@ from itertools import product
 from pathlib import Path
 from typing import Any, Literal, cast
 
-from swim2real import checking
 from swim2real.calibration import RunFolder, protocol_for, reference_fingerprint, versions
-from swim2real.errors import ArgumentError, RunError
-from swim2real.names import quoted
 from swim2real.pipeline.methods import METHODS
 from swim2real.robots.fingerprint import fingerprint
 from swim2real.robots.robot import Robot
@@ -31,8 +28,11 @@ from swim2real.settings import (
     expand_seeds,
 )
 from swim2real.simulation import Engine
-from swim2real.store import reason, write_json
 from swim2real.trials import TrialSet
+from swimbase import checking
+from swimbase.errors import ArgumentError, RunError
+from swimbase.names import quoted
+from swimbase.store import reason, write_json
 
 FORMAT = 2
 PLAN, RUNS = "plan.json", "runs"

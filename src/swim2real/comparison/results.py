@@ -14,16 +14,16 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, TypeAdapter
 
-from swim2real import checking
 from swim2real.advisor.vlm.transcript import Totals, Transcript, totals
 from swim2real.calibration import RunFolder
 from swim2real.calibration.file_models import RecordedEvaluation
 from swim2real.comparison.plan import PROBLEM, RUNS, Job, Plan, read_plan, writing
-from swim2real.errors import RunError, Swim2RealError
-from swim2real.names import quoted
 from swim2real.objective.figures import FitFigures, figure_values
 from swim2real.settings import asks_a_vlm
-from swim2real.store import read_text, write_json, write_text
+from swimbase import checking
+from swimbase.errors import RunError, Swim2RealError
+from swimbase.names import quoted
+from swimbase.store import read_text, write_json, write_text
 
 FORMAT = 1
 RESULTS, TABLE = "results.json", "results.csv"

@@ -21,8 +21,8 @@ from swim2real.comparison.statistics import (
     speeds,
     step_statistics,
 )
-from swim2real.escaping import plain_markdown, visible
 from swim2real.formatting import NOTHING, mm, number
+from swimbase.escaping import plain_markdown, visible
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -7,16 +7,16 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from pool import Glare, PoolCamera
 
+from markertrack.camera_file import CameraFile, write_camera
 from swim2real.calibration import Outcome, Progress
 from swim2real.demo.synthetic import film_swims, points_file
-from swim2real.errors import RunError, Swim2RealError
 from swim2real.pipeline import FrameProgress, TrackedVideo, calibrate, track_videos
-from swim2real.rendering.pool import Glare, PoolCamera
 from swim2real.robots.fish import FISH
 from swim2real.settings import CalibrationSettings, TrackingSettings
-from swim2real.tracking.camera_file import CameraFile, write_camera
 from swim2real.trials import TrialSet, load_reference
+from swimbase.errors import RunError, Swim2RealError
 
 DEMO_FREQUENCIES = (0.5, 0.75, 1.0, 1.25)
 FULL_FREQUENCIES = (0.5, 0.75, 1.0, 1.25, 1.5, 1.75, 2.0, 2.25)

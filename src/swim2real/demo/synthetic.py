@@ -15,15 +15,16 @@ from pathlib import Path
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
+from pool import PoolCamera, film, scene
 
-from swim2real.errors import RunError
+from markertrack.points import save_points
+from markertrack.track import MarkerTrack
 from swim2real.parameters import Values
 from swim2real.processes import ProcessPool
-from swim2real.rendering.pool import PoolCamera, film, scene
 from swim2real.robots.robot import Robot
 from swim2real.simulation import Simulator, Swim
-from swim2real.tracking.points import save_points
-from swim2real.trials import Actuation, MarkerTrack, Trial, TrialSet
+from swim2real.trials import Actuation, Trial, TrialSet
+from swimbase.errors import RunError
 
 Array = NDArray[np.float64]
 

@@ -17,15 +17,15 @@ from annotated_types import MinLen
 from numpy.typing import NDArray
 from pydantic import BaseModel
 
-from swim2real import store
 from swim2real.calibration.provenance import commit, versions
-from swim2real.checking import read
-from swim2real.errors import ArgumentError, ParameterError, RunError
 from swim2real.identification.finished_run import FinishedRun
 from swim2real.identification.identifiability import IDENTIFIABILITY, read_study
 from swim2real.parameters import Values
 from swim2real.robots.robot import Robot
 from swim2real.settings import EnsembleSettings
+from swimbase import store
+from swimbase.checking import read
+from swimbase.errors import ArgumentError, ParameterError, RunError
 
 Array = NDArray[np.float64]
 

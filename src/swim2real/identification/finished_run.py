@@ -12,11 +12,11 @@ from swim2real.calibration.problem import Problem
 from swim2real.calibration.provenance import reference_fingerprint
 from swim2real.calibration.run_folder import RunFolder
 from swim2real.calibration.run_settings import RunSettings
-from swim2real.errors import RunError
 from swim2real.parameters import ParameterSpace
 from swim2real.robots.robot import Robot
-from swim2real.store import source_at
 from swim2real.trials import TrialSet
+from swimbase.errors import RunError
+from swimbase.store import source_at
 
 
 @dataclass(frozen=True)

@@ -18,15 +18,12 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, FiniteFloat, NonNegativeFloat, NonNegativeInt, model_validator
 
-from swim2real import store
 from swim2real.calibration.convergence import ends_of, noise_of
 from swim2real.calibration.file_models import Share
 from swim2real.calibration.loop import write_fit
 from swim2real.calibration.provenance import commit, versions
 from swim2real.calibration.run_folder import RunFolder
 from swim2real.calibration.sensitivity import Slopes
-from swim2real.checking import check
-from swim2real.errors import RunError
 from swim2real.identification.evaluated import EvaluatedPoint, evaluated, independent_numbers
 from swim2real.identification.finished_run import FinishedRun
 from swim2real.identification.posterior import BATCH, Posterior, draw, first_points
@@ -36,6 +33,9 @@ from swim2real.robots.robot import Robot
 from swim2real.settings import IdentifiabilitySettings
 from swim2real.simulation import Simulator, Swim
 from swim2real.trials import Actuation, TrialSet
+from swimbase import store
+from swimbase.checking import check
+from swimbase.errors import RunError
 
 Array = NDArray[np.float64]
 

@@ -18,16 +18,17 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from swim2real import store
+from markertrack.track import MarkerTrack
+from motorline.commands import CommandTable, write_table
 from swim2real.calibration.problem import Problem
 from swim2real.calibration.provenance import commit, versions
-from swim2real.deployment.commands import CommandTable, write_table
-from swim2real.errors import RunError, TrialError
 from swim2real.identification.evaluated import EvaluatedPoint, evaluated
 from swim2real.identification.finished_run import FinishedRun
 from swim2real.identification.identifiability import IDENTIFIABILITY, read_study
 from swim2real.identification.possible_trials import PossibleTrial, column_names
-from swim2real.trials import MarkerTrack, TrialSet
+from swim2real.trials import TrialSet
+from swimbase import store
+from swimbase.errors import RunError, TrialError
 
 Array = NDArray[np.float64]
 

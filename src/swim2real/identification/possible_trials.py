@@ -13,13 +13,14 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from markertrack.track import MarkerTrack
+from motorline.commands import FISH, RATE
 from swim2real.calibration.problem import Problem
-from swim2real.deployment.commands import FISH, RATE
-from swim2real.errors import RunError
 from swim2real.parameters import Values
 from swim2real.robots.robot import CommandLimits, Robot
 from swim2real.simulation import Rollout, Swim
-from swim2real.trials import MarkerTrack, Signals, Trial
+from swim2real.trials import Signals, Trial
+from swimbase.errors import RunError
 
 Array = NDArray[np.float64]
 

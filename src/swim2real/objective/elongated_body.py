@@ -29,8 +29,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
-from swim2real.errors import TrialError
 from swim2real.objective.target import Target
+from swimbase.errors import TrialError
 
 Array = NDArray[np.float64]
 

@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 from pydantic import BaseModel
 from scipy.signal import find_peaks
 
-from swim2real.checking import Label, Number, Positive, read
-from swim2real.errors import ArgumentError, TrialError
-from swim2real.trials import Trial, TrialSet, frames
+from markertrack import frames
+from swim2real.trials import Trial, TrialSet
+from swimbase.checking import Label, Number, Positive, read
+from swimbase.errors import ArgumentError, TrialError
 
 Array = NDArray[np.float64]
 Series = Annotated[list[Number], MinLen(2)]

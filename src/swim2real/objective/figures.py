@@ -14,8 +14,8 @@ from typing import Annotated, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from swim2real.checking import Number, Positive
 from swim2real.formatting import number
+from swimbase.checking import Number, Positive
 
 Fact = Number | None
 """A figure; None for what a simulation that diverged doesn't have."""

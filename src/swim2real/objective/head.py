@@ -15,8 +15,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from swim2real.errors import TrialError
-from swim2real.trials import frames
+from markertrack import frames
+from swimbase.errors import TrialError
 
 Array = NDArray[np.float64]
 

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from swim2real.errors import TrialError
+from markertrack import frames
+from markertrack.track import MarkerTrack
 from swim2real.objective.alignment import align, register
 from swim2real.objective.head import head_motion
 from swim2real.objective.target import SensorTarget, Target, framed_progress
@@ -20,7 +21,8 @@ from swim2real.objective.trial import (
     ComparedTrial,
     LossFigure,
 )
-from swim2real.trials import MarkerTrack, Trial, frames
+from swim2real.trials import Trial
+from swimbase.errors import TrialError
 
 Array = NDArray[np.float64]
 

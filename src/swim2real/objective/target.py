@@ -8,9 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from swim2real.errors import TrialError
+from markertrack import frames
 from swim2real.objective.head import HeadMotion, head_motion
-from swim2real.trials import Signals, Trial, frames
+from swim2real.trials import Signals, Trial
+from swimbase.errors import TrialError
 
 Array = NDArray[np.float64]
 

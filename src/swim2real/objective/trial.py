@@ -13,11 +13,11 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from markertrack import frames
 from swim2real.objective.alignment import weighted_distance
 from swim2real.objective.head import HeadMotion, Oscillation
 from swim2real.objective.motion import beat, finite_mean, main_amplitudes, windowed_means, windows
 from swim2real.objective.target import framed
-from swim2real.trials import frames
 
 Array = NDArray[np.float64]
 LossFigure = Literal["motion_error", "aligned_marker_error", "marker_error"]

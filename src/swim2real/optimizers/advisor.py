@@ -8,8 +8,8 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from swim2real.errors import AdvisorError
 from swim2real.optimizers.contract import Array, Candidate, Evaluation, cube_point
+from swimbase.errors import AdvisorError
 
 MEASUREMENT = "measurement"
 MEASURED = 0.1  # of a parameter's range, by which it is changed where it is measured alone

@@ -6,8 +6,8 @@ from collections.abc import Callable, Generator
 
 import numpy as np
 
-from swim2real.errors import OptimizerError
 from swim2real.optimizers.contract import Array, Candidate, Evaluation, Optimizer, cube_point
+from swimbase.errors import OptimizerError
 
 Residuals = Callable[[Array], Array]
 """Points of the unit cube to their residuals. Shape (k, d) to (k, n)."""

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from swim2real.errors import MissingExtraError, OptimizerError
 from swim2real.optimizers.contract import Array, Candidate, Evaluation, Optimizer, cube_point
+from swimbase.errors import MissingExtraError, OptimizerError
 
 
 class CmaEs(Optimizer):

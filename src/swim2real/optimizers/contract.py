@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from swim2real.errors import OptimizerError
+from swimbase.errors import OptimizerError
 
 Array = NDArray[np.float64]
 

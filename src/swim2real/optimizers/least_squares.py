@@ -10,8 +10,8 @@ from collections.abc import Generator
 import numpy as np
 from scipy.optimize import lsq_linear
 
-from swim2real.errors import OptimizerError
 from swim2real.optimizers.contract import Array, Candidate, Evaluation, Optimizer, cube_point
+from swimbase.errors import OptimizerError
 
 _DAMPING = 1e-3  # of the mean curvature: parameters without effect stay where they are
 _CONVERGED = 1e-3  # promised relative gain below which a start is given up

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from swim2real.errors import OptimizerError
 from swim2real.optimizers.advisor import (
     Advice,
     Advisor,
@@ -20,6 +19,7 @@ from swim2real.optimizers.advisor import (
     reads_residuals,
 )
 from swim2real.optimizers.contract import Array, Candidate, Evaluation, Optimizer, cube_point
+from swimbase.errors import OptimizerError
 
 _DESCENTS = 3  # searches that are begun at most; then the lowest goes on
 _JUMP = 5.0  # times the loss before: a step that comes so high has gone over an edge

@@ -6,10 +6,10 @@ import importlib
 import io
 from typing import Any
 
-from swim2real.errors import MissingExtraError
 from swim2real.optimizers.callback import Residuals, Solve
 from swim2real.optimizers.contract import Array
 from swim2real.parameters import ParameterSpace
+from swimbase.errors import MissingExtraError
 
 
 def _toolbox() -> Any:

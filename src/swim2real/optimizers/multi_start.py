@@ -9,7 +9,6 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from swim2real.errors import OptimizerError
 from swim2real.optimizers.contract import Array, Candidate, Evaluation, Optimizer, cube_point
 from swim2real.optimizers.interpolated_descent import (
     BRIEF,
@@ -23,6 +22,7 @@ from swim2real.optimizers.interpolated_descent import (
     surround,
     together,
 )
+from swimbase.errors import OptimizerError
 
 _BODIES, _EASED = 4, 2  # starts of a group that begins with the first stage, and with the last eased one
 _ALIKE = 2  # per parameter: points that the first stage hardly tells apart

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from swim2real.errors import OptimizerError
 from swim2real.optimizers.contract import Array, Candidate, Evaluation, Optimizer
+from swimbase.errors import OptimizerError
 
 
 class Sequel(Optimizer):

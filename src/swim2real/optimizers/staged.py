@@ -13,8 +13,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-from swim2real.errors import OptimizerError
 from swim2real.optimizers.contract import Array, Candidate, Evaluation, Optimizer, cube_point
+from swimbase.errors import OptimizerError
 
 Search = Callable[[int, np.random.Generator, Array], Optimizer]
 

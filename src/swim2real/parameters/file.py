@@ -9,10 +9,10 @@ from typing import Any, Literal
 
 from pydantic import BaseModel
 
-from swim2real.checking import PathText, read
-from swim2real.errors import ParameterError
 from swim2real.parameters.space import ParameterSpace, Values
-from swim2real.store import path_from, write_json
+from swimbase.checking import PathText, read
+from swimbase.errors import ParameterError
+from swimbase.store import path_from, write_json
 
 FORMAT = 1
 BEST = "best.json"  # the parameters file of a run folder

@@ -13,10 +13,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from swim2real.checking import did_you_mean, shown
-from swim2real.errors import ParameterError
-from swim2real.names import quoted
 from swim2real.settings import Scale
+from swimbase.checking import did_you_mean, shown
+from swimbase.errors import ParameterError
+from swimbase.names import quoted
 
 Values = Mapping[str, float]
 

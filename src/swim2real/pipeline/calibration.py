@@ -27,7 +27,6 @@ from swim2real.checks.delays import delays
 from swim2real.checks.mistakes import judged
 from swim2real.checks.probing import growing
 from swim2real.checks.resting import other_start, started
-from swim2real.errors import ArgumentError
 from swim2real.optimizers import ScriptedAdvisor, recorded_advice
 from swim2real.parameters import read_parameters
 from swim2real.pipeline.methods import METHODS, default_starts, make_optimizer
@@ -45,8 +44,9 @@ from swim2real.settings import (
     VlmAccess,
     replayed_run,
 )
-from swim2real.store import path_from, source_from
 from swim2real.trials import TrialSet
+from swimbase.errors import ArgumentError
+from swimbase.store import path_from, source_from
 
 _log = logging.getLogger(__name__)
 

@@ -12,8 +12,6 @@ import mujoco
 import numpy as np
 
 from swim2real.checks.probing import FAINT, Probe, made_up_for, moved, probe
-from swim2real.errors import RobotError, Swim2RealError
-from swim2real.names import label_fault, quoted
 from swim2real.robots import ROBOTS
 from swim2real.robots.candidates import candidates, carrying
 from swim2real.robots.compiled import compiled
@@ -23,7 +21,9 @@ from swim2real.robots.mjcf_files import root_tag
 from swim2real.robots.robot import Robot
 from swim2real.robots.targets import class_name
 from swim2real.robots.urdf import plain_urdf
-from swim2real.store import reason
+from swimbase.errors import RobotError, Swim2RealError
+from swimbase.names import label_fault, quoted
+from swimbase.store import reason
 
 _UPRIGHT = 0.99  # the vertical part of a hinge's axis about which nothing tilts
 _REST_SHARE = 0.1  # by which the place of markers counts for the camera, beside their motion

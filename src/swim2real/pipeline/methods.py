@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from swim2real.errors import ArgumentError
 from swim2real.optimizers import (
     Advisor,
     BacktrackingLineSearch,
@@ -30,6 +29,7 @@ from swim2real.optimizers.mujoco_sysid import least_squares
 from swim2real.parameters import ParameterSpace, Values
 from swim2real.robots.robot import Robot
 from swim2real.settings import PAPER_BUDGET, CalibrationSettings, Method
+from swimbase.errors import ArgumentError
 
 Array = NDArray[np.float64]
 

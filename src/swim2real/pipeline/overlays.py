@@ -12,22 +12,23 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from swim2real import store
+from markertrack import frames
+from markertrack.camera import fixed_camera
+from markertrack.camera_file import CameraFile
+from markertrack.drawing import to_png
+from markertrack.overlay import FilmOverlay
+from markertrack.span import Span
+from markertrack.video import VideoReader, film_name
 from swim2real.calibration import Problem
-from swim2real.errors import ArgumentError, TrialError
 from swim2real.objective import ComparedTrial, Comparison
 from swim2real.parameters import Values
 from swim2real.pipeline.tracking import TRACKS
 from swim2real.rendering.album import Album
-from swim2real.rendering.drawing import to_png
-from swim2real.rendering.overlay import FilmOverlay
 from swim2real.robots.robot import Robot
-from swim2real.tracking.camera import fixed_camera
-from swim2real.tracking.camera_file import CameraFile
-from swim2real.trials import Trial, TrialSet, frames
+from swim2real.trials import Trial, TrialSet
 from swim2real.trials.pose_tables import read_dlc
-from swim2real.trials.span import Span
-from swim2real.video import VideoReader, film_name
+from swimbase import store
+from swimbase.errors import ArgumentError, TrialError
 
 Array = NDArray[np.float64]
 

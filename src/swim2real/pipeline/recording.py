@@ -10,12 +10,13 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from swim2real.errors import ArgumentError, TrialError
+from markertrack.span import Span
+from markertrack.track import MarkerTrack
 from swim2real.robots.robot import Robot
-from swim2real.trials import MarkerTrack, Signals, Trial
+from swim2real.trials import Signals, Trial
 from swim2real.trials.log_table import LogTable, choices
-from swim2real.trials.span import Span
 from swim2real.trials.timebase import by_stamps
+from swimbase.errors import ArgumentError, TrialError
 
 Array = NDArray[np.float64]
 
@@ -154,7 +155,7 @@ def recorded(
     trial = Trial(
         name, track, frequency, provenance=f"log {log.path.name}", controls=controls, sensors=sensors, timebases=clocks
     )
-    return Recorded(span.of_trial(_on_clock(trial, log)), len(stamps.values), columns, notes)
+    return Recorded(_on_clock(trial, log).within(span), len(stamps.values), columns, notes)
 
 
 def _commanded(robot: Robot) -> list[str]:

@@ -20,32 +20,33 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel
 
+from markertrack.camera import Camera, camera_for
+from markertrack.camera_file import CameraFile, read_camera
+from markertrack.cleaning import fill_gaps, smooth
+from markertrack.following import Film, FrameProgress, follow, within, write_review
+from markertrack.points import Anchor, load_anchors, load_points
+from markertrack.quality import LostMarkers, check_bodies, check_track
+from markertrack.span import WHOLE, Span
+from markertrack.track import MarkerTrack
+from markertrack.tracking.detection import DetectionTracker
+from markertrack.tracking.labeling import label_markers
+from markertrack.tracking.markers import MarkerTracker
+from markertrack.tracking.opencv import CsrtTracker, TagTracker
+from markertrack.tracking.tracker import Tracker
+from markertrack.video import Frame, VideoReader, film_files, film_name, film_title
 from swim2real.calibration import versions
-from swim2real.errors import ArgumentError, TrackingError, TrialError
-from swim2real.names import composed
 from swim2real.objective.comparison import rounded
-from swim2real.pipeline.following import Film, FrameProgress, follow, within, write_review
 from swim2real.robots.robot import Robot
 from swim2real.settings import TrackingSettings
-from swim2real.store import read_json, reason, write_json
-from swim2real.tracking.camera import Camera, camera_for
-from swim2real.tracking.camera_file import CameraFile, read_camera
-from swim2real.tracking.cleaning import fill_gaps, smooth
-from swim2real.tracking.detection import DetectionTracker
-from swim2real.tracking.labeling import label_markers
-from swim2real.tracking.markers import MarkerTracker
-from swim2real.tracking.opencv import CsrtTracker, TagTracker
-from swim2real.tracking.points import Anchor, load_anchors, load_points
-from swim2real.tracking.quality import LostMarkers, check_bodies, check_track
-from swim2real.tracking.tracker import Tracker
-from swim2real.trials import MarkerTrack, Trial
+from swim2real.trials import Trial
 from swim2real.trials.pose_tables import write_dlc
 from swim2real.trials.published import nominal_frequency
 from swim2real.trials.reference import add_trial, check_folder, load_reference
 from swim2real.trials.signals import MEMORY, read_signals
-from swim2real.trials.span import WHOLE, Span
 from swim2real.trials.timebase import TABLES, Timebase, by_stamps, contradictions
-from swim2real.video import Frame, VideoReader, film_files, film_name, film_title
+from swimbase.errors import ArgumentError, TrackingError, TrialError
+from swimbase.names import composed
+from swimbase.store import read_json, reason, write_json
 
 Array = NDArray[np.float64]
 

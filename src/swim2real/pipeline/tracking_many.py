@@ -12,14 +12,14 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from swim2real.errors import ArgumentError, Swim2RealError, TrackingError
-from swim2real.names import composed, file_key
+from markertrack.span import WHOLE, Span
+from markertrack.video import film_name
 from swim2real.pipeline.tracking import FrameProgress, TrackedVideo, track_video
 from swim2real.processes import ProcessDiedError, ProcessPool
 from swim2real.robots.robot import Robot
 from swim2real.settings import TrackingSettings
-from swim2real.trials.span import WHOLE, Span
-from swim2real.video import film_name
+from swimbase.errors import ArgumentError, Swim2RealError, TrackingError
+from swimbase.names import composed, file_key
 
 _POLL_INTERVAL = 0.2  # s between two looks at what the processes report
 _progress: Any = None  # a process's end of the queue

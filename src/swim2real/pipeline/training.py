@@ -11,7 +11,6 @@ from pathlib import Path
 
 from swim2real.calibration.from_rest import backward_from_rest, from_rest
 from swim2real.calibration.provenance import commit, versions
-from swim2real.errors import ArgumentError
 from swim2real.parameters import Values
 from swim2real.rl import training
 from swim2real.rl.body import policy_setup
@@ -21,7 +20,8 @@ from swim2real.rl.training_run import TrainingOutcome
 from swim2real.robots.robot import Robot
 from swim2real.settings import TrainingSettings
 from swim2real.simulation import Engine, Simulator
-from swim2real.store import source_from
+from swimbase.errors import ArgumentError
+from swimbase.store import source_from
 
 _LIBRARIES = ("gymnasium", "stable-baselines3", "torch")
 _log = logging.getLogger(__name__)

@@ -9,9 +9,8 @@ from pathlib import Path
 import numpy as np
 from PIL.Image import Image
 
-from swim2real.errors import ArgumentError
+from markertrack.drawing import INK, PAGE, Bytes, Canvas, contact_sheet, plain, text_size, to_pillow
 from swim2real.objective import Comparison
-from swim2real.rendering.drawing import INK, PAGE, Bytes, Canvas, contact_sheet, plain, text_size, to_pillow
 from swim2real.rendering.trial_frame import (
     MUTED,
     ErrorChart,
@@ -27,6 +26,7 @@ from swim2real.rendering.trial_frame import (
 )
 from swim2real.rendering.trial_view import Limits, TrialView, common_limits, length_text, millimeters, view_of
 from swim2real.robots.robot import Robot
+from swimbase.errors import ArgumentError
 
 LEAST_TILE = 160  # px, width of a picture of a sheet
 TEXT = 13.0  # px, of the heads of rows and columns

@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from swim2real.errors import ArgumentError
-from swim2real.rendering.drawing import DARK, PAGE, Bytes, Canvas, contact_sheet, to_pillow
-from swim2real.video import Frame, VideoReader, VideoWriter
+from markertrack.drawing import DARK, PAGE, Bytes, Canvas, contact_sheet, to_pillow
+from markertrack.video import Frame, VideoReader, VideoWriter
+from swimbase.errors import ArgumentError
 
 LEAST_WIDTH = 64  # px
 ROUNDING = 1e-6  # s

@@ -7,10 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from swim2real.errors import ArgumentError
-from swim2real.rendering.drawing import INK, Bytes, Canvas, Color, plain, text_size
+from markertrack.drawing import INK, Bytes, Canvas, Color, plain, text_size
 from swim2real.rendering.trial_frame import GROUND, MUTED
 from swim2real.rendering.trial_view import length_text, rounded_up
+from swimbase.errors import ArgumentError
 
 Array = NDArray[np.float64]
 

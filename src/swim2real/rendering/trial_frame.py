@@ -18,11 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL.Image import Image
 
-from swim2real.errors import ArgumentError
-from swim2real.rendering.drawing import INK, PAGE, Bytes, Canvas, Color, Place, plain, text_size
+from markertrack.drawing import INK, PAGE, Bytes, Canvas, Color, Place, plain, text_size
+from markertrack.video import VideoWriter
 from swim2real.rendering.film import CRF, clip_times
 from swim2real.rendering.trial_view import Box, Limits, Swing, TrialView, grid_step, leads, length_text, millimeters
-from swim2real.video import VideoWriter
+from swimbase.errors import ArgumentError
 
 Array = NDArray[np.float64]
 Side = Literal["real", "simulated"]

@@ -10,11 +10,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from swim2real.errors import ArgumentError
+from markertrack import frames
 from swim2real.objective import ComparedTrial
 from swim2real.objective.motion import finite_mean
 from swim2real.robots.robot import Robot
-from swim2real.trials import frames
+from swimbase.errors import ArgumentError
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -10,14 +10,14 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from swim2real.errors import EngineError, TrialError
+from markertrack import frames
 from swim2real.objective import ComparedTrial
 from swim2real.objective.head import head_motion
 from swim2real.parameters import Values
 from swim2real.rendering.trial_view import TrialView
 from swim2real.robots.robot import Robot
-from swim2real.trials import frames
 from swim2real.viewing import Motion, shown_swim
+from swimbase.errors import EngineError, TrialError
 
 Array = NDArray[np.float64]
 

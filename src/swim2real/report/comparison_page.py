@@ -19,12 +19,12 @@ from swim2real.comparison.statistics import (
 )
 from swim2real.comparison.tables import Cell, Table, mm_cell, tables
 from swim2real.formatting import duration, mm
-from swim2real.names import file_name_fault
 from swim2real.report.comparison_charts import convergence, markers, strip, velocity
 from swim2real.report.page import REPORT
 from swim2real.report.pages import Charts, PageContext, write_page
 from swim2real.report.paper_figures import FIGURES
 from swim2real.report.style import WIDE, MethodStyle, method_styles
+from swimbase.names import file_name_fault
 
 COMPARISON = "comparison.html"
 

@@ -11,13 +11,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from markertrack import frames
 from swim2real.calibration import SavedTrial
 from swim2real.objective import ComparedTrial
 from swim2real.parameters import Values
 from swim2real.rendering.trial_view import TrialView, common_limits, grid_step, length_text, view_of
 from swim2real.report.ahead import SeenAhead, seen_ahead
 from swim2real.robots.robot import Robot
-from swim2real.trials import frames
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]

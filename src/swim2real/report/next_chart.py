@@ -8,9 +8,9 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
-from swim2real import store
-from swim2real.errors import RunError
 from swim2real.report.style import COLUMN, LIGHT, chart_name, new_figure, paper_style
+from swimbase import store
+from swimbase.errors import RunError
 
 CHART = "next.png"
 _ROW = 0.17  # inches

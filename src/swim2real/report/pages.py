@@ -15,11 +15,11 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 from matplotlib.figure import Figure
 
-from swim2real import store
-from swim2real.errors import RunError
-from swim2real.escaping import script_source, visible
 from swim2real.formatting import count, dollars, duration, listed, mm, number, percent, shortened, significant
 from swim2real.report.style import TITLE, VARIABLES, page_style
+from swimbase import store
+from swimbase.errors import RunError
+from swimbase.escaping import script_source, visible
 
 Charts = dict[str, Callable[[], Figure]]
 

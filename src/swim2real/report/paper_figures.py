@@ -16,15 +16,15 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from swim2real import store
 from swim2real.calibration import RunFolder, load_trials
 from swim2real.comparison.results import ComparisonResults
 from swim2real.comparison.statistics import MethodStatistics, method_statistics
-from swim2real.errors import RunError
-from swim2real.escaping import visible
 from swim2real.objective import ComparedTrial
 from swim2real.report.comparison_charts import convergence, line_search, markers, strip, velocity
 from swim2real.report.style import DOUBLE, LIGHT, MethodStyle, method_styles, new_figure, paper_style
+from swimbase import store
+from swimbase.errors import RunError
+from swimbase.escaping import visible
 
 Array = NDArray[np.float64]
 

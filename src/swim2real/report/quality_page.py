@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
+from markertrack.quality import LostMarkers
 from swim2real.report.pages import PageContext, write_page
 from swim2real.report.style import LIGHT, WIDE, chart_name, new_chart, titled
-from swim2real.tracking import LostMarkers
 from swim2real.trials import Trial
 
 

@@ -13,13 +13,13 @@ from swim2real.calibration.convergence import never_beaten, standing, still_fall
 from swim2real.calibration.file_models import RecordedEvaluation, TrialSummary
 from swim2real.calibration.from_rest import backward_from_rest
 from swim2real.calibration.run_folder import TRIALS
-from swim2real.errors import AdvisorError, RunError
 from swim2real.formatting import listed
 from swim2real.identification.identifiability import IDENTIFIABILITY, Study, read_study
 from swim2real.objective.figures import FitFigures, TrialFigures
 from swim2real.parameters import ParameterSpace
 from swim2real.robots.robot import Robot
 from swim2real.settings import replayed_run
+from swimbase.errors import AdvisorError, RunError
 
 _SAME_LOSS = 1e-5  # m, by which a loss may differ when the same parameters are simulated again
 

@@ -19,8 +19,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FixedFormatter, FixedLocator, NullFormatter, NullLocator
 
-from swim2real.escaping import visible
 from swim2real.formatting import shortened
+from swimbase.escaping import visible
 
 COLUMN, DOUBLE = 3.4, 7.0  # inches, of a column of a paper and of both
 WIDE, HALF, THIRD = 8.4, 4.2, 2.8  # inches, of charts on a page; a page shows an inch as up to 1.3 cm

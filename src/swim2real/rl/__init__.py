@@ -5,38 +5,14 @@ are used, since torch and MuJoCo take a while. Only training needs torch and Sta
 NumPy.
 """
 
-from __future__ import annotations
-
 import importlib
 from importlib.util import find_spec
-from typing import TYPE_CHECKING, Any
 
-from swim2real.errors import MissingExtraError
+import lazy_loader
 
-if TYPE_CHECKING:
-    from swim2real.rl.assessment import Assessment, assess
-    from swim2real.rl.conditions import CONTROL_INTERVAL, UNDISTURBED, Disturbances, StateEstimate
-    from swim2real.rl.environment import DIVERGED, Environments, RobotEnv, make_env, make_environments
-    from swim2real.rl.learner import RobotVecEnv, make_vector_env
-    from swim2real.rl.tasks import STAGES, Forward, ReachGoal, Task
-    from swim2real.rl.training import train
-    from swim2real.rl.training_run import TrainingOutcome, TrainingRun
+from swimbase.errors import MissingExtraError
 
-__all__ = [
-    "CONTROL_INTERVAL", "DIVERGED", "STAGES", "UNDISTURBED", "Assessment", "Disturbances", "Environments", "Forward",
-    "ReachGoal", "RobotEnv", "RobotVecEnv", "StateEstimate", "Task", "TrainingOutcome", "TrainingRun", "assess",
-    "make_env", "make_environments", "make_vector_env", "train",
-]  # fmt: skip
-_MODULES = ("conditions", "tasks", "environment", "training_run", "assessment", "learner", "training")  # light first
-
-
-def __getattr__(name: str) -> Any:
-    for module in _MODULES if name in __all__ else ():
-        found = vars(importlib.import_module(f"{__name__}.{module}"))
-        if name in found:
-            return found[name]
-    raise AttributeError(f"module '{__name__}' has no attribute '{name}'")
-
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
 if find_spec("gymnasium") is None:
     raise MissingExtraError("policies need gymnasium; install it with: pip install 'swim2real[rl]'")

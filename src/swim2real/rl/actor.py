@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel
 
-from swim2real.errors import RunError
-from swim2real.store import from_json, read_arrays, write_arrays
+from swimbase.errors import RunError
+from swimbase.store import from_json, read_arrays, write_arrays
 
 if TYPE_CHECKING:
     from stable_baselines3 import SAC

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from swim2real.errors import ArgumentError
 from swim2real.parameters import Values
 from swim2real.rl.body import Actuators, policy_setup
 from swim2real.rl.conditions import CONTROL_INTERVAL, UNDISTURBED, Disturbances, StateEstimate
@@ -28,6 +27,7 @@ from swim2real.rl.rollout import (
 from swim2real.rl.state import MOST_PLACE
 from swim2real.rl.training_run import TrainingRun
 from swim2real.robots.robot import Robot
+from swimbase.errors import ArgumentError
 
 Array = NDArray[np.float64]
 

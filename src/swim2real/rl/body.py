@@ -10,14 +10,14 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from swim2real.errors import ArgumentError
+from fluidstep.batch import Batch
 from swim2real.parameters import Values
 from swim2real.rl.conditions import CONTROL_INTERVAL, UNDISTURBED, Disturbances
 from swim2real.robots.compiled import set_linear
 from swim2real.robots.robot import CommandLimits, PolicySetup, Robot
-from swim2real.simulation.batch import Batch
 from swim2real.simulation.playback import sensor_address
 from swim2real.simulation.start import STARTS, start_at_keyframe
+from swimbase.errors import ArgumentError
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from swim2real.errors import ArgumentError
+from swimbase.errors import ArgumentError
 
 CONTROL_INTERVAL = 0.02  # s, 50 Hz, as commands are sent to the robot
 

@@ -12,7 +12,6 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from swim2real.errors import ArgumentError
 from swim2real.parameters import Values
 from swim2real.rl.body import Bodies, Indices, policy_setup
 from swim2real.rl.conditions import CONTROL_INTERVAL, UNDISTURBED, Disturbances
@@ -21,6 +20,7 @@ from swim2real.rl.state_estimation import StateEstimator
 from swim2real.rl.tasks import Task, find_task
 from swim2real.robots.fish import FISH
 from swim2real.robots.robot import Robot
+from swimbase.errors import ArgumentError
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]

@@ -6,14 +6,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from swim2real.errors import ArgumentError
+from markertrack import frames
 from swim2real.objective.expected_run import Band, ExpectedRun, arrival, motion_of
 from swim2real.parameters import Values
 from swim2real.rl.environment import make_environments
 from swim2real.rl.rollout import Episode, repeated, run_episodes
 from swim2real.rl.tasks import STAGES, ReachGoal, find_task
 from swim2real.rl.training_run import TrainingRun
-from swim2real.trials import frames
+from swimbase.errors import ArgumentError
 
 _ROLLS = 0.03  # rad; a hull that is held by springs rolls less
 

@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from swim2real.rendering.drawing import INK, PAGE, Canvas, Color, plain
+from markertrack.drawing import INK, PAGE, Canvas, Color, plain
+from markertrack.video.writer import VideoWriter
 from swim2real.rl.rollout import Episode
 from swim2real.robots.robot import Robot
-from swim2real.video.writer import VideoWriter
 
 Array = NDArray[np.float64]
 

@@ -17,13 +17,13 @@ from typing import Any, Unpack
 import numpy as np
 from numpy.typing import NDArray
 
-from swim2real.checking import shown
-from swim2real.errors import MissingExtraError, RunError
 from swim2real.parameters import Values
 from swim2real.rl.actor import Actor
 from swim2real.rl.environment import EnvironmentOptions, Environments, Observation, make_environments, make_spaces
 from swim2real.settings import TRAIN_FREQ, TrainingSettings
-from swim2real.store import read_arrays, read_json, whole_folder, write_json
+from swimbase.checking import shown
+from swimbase.errors import MissingExtraError, RunError
+from swimbase.store import read_arrays, read_json, whole_folder, write_json
 
 try:
     import torch

@@ -10,13 +10,13 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from swim2real.errors import RunError
 from swim2real.rl.actor import Actor
 from swim2real.rl.body import Actuators
 from swim2real.rl.conditions import CONTROL_INTERVAL
 from swim2real.rl.environment import Environments
 from swim2real.rl.training_run import BEST, LAST, TrainingRun
-from swim2real.store import write_arrays
+from swimbase.errors import RunError
+from swimbase.store import write_arrays
 
 Array = NDArray[np.float64]
 Which = Literal["best", "last"]

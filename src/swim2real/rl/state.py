@@ -9,9 +9,9 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from fluidstep.batch import Batch
 from swim2real.rl.body import Bodies, Indices
 from swim2real.rl.conditions import CONTROL_INTERVAL
-from swim2real.simulation.batch import Batch
 
 Array = NDArray[np.float64]
 _PHYSICS = mujoco.mjtState.mjSTATE_INTEGRATION

@@ -6,11 +6,11 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from swim2real.errors import ArgumentError
 from swim2real.rl.body import Bodies, Indices
 from swim2real.rl.conditions import CONTROL_INTERVAL, StateEstimate
 from swim2real.rl.state import RobotState, unwrapped
 from swim2real.simulation.pose import SCALAR
+from swimbase.errors import ArgumentError
 
 Array = NDArray[np.float64]
 

@@ -16,12 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swim2real import consent
-from swim2real.errors import ArgumentError
 from swim2real.formatting import listed, shortened
-from swim2real.names import label_fault, quoted
 from swim2real.rl.state import MOST_PLACE, MOST_RATE, RobotState
 from swim2real.robots.named_code import NamedCode, request
 from swim2real.robots.robot import Robot
+from swimbase.errors import ArgumentError
+from swimbase.names import label_fault, quoted
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]

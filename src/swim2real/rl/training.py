@@ -22,7 +22,6 @@ from typing import Any
 import numpy as np
 from scipy.special import ndtr
 
-from swim2real.errors import ArgumentError, RunError
 from swim2real.parameters import Values
 from swim2real.rl import training_run as files
 from swim2real.rl.conditions import CONTROL_INTERVAL, UNDISTURBED, Disturbances
@@ -43,7 +42,8 @@ from swim2real.rl.training_run import TrainingOutcome, TrainingSeconds
 from swim2real.robots.robot import Robot
 from swim2real.robots.schema import hook_file
 from swim2real.settings import TRAIN_FREQ, TrainingSettings
-from swim2real.store import append_lines, path_from, write_json
+from swimbase.errors import ArgumentError, RunError
+from swimbase.store import append_lines, path_from, write_json
 
 REPORT_EVERY = 2.0  # s, between two reports of progress
 EVALUATION_SEED = 1_000_000  # of the episodes that choose the best policy; an assessment's begin elsewhere

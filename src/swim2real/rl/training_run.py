@@ -12,15 +12,15 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from pydantic import BaseModel, Field
 
-from swim2real.checking import Number, PathText, check, read, shown
-from swim2real.errors import ArgumentError, RunError
 from swim2real.rl.actor import Actor
 from swim2real.rl.conditions import Disturbances
 from swim2real.rl.tasks import check_allowed
 from swim2real.robots import recorded_robot
 from swim2real.robots.robot import Robot
 from swim2real.robots.schema import hook_file
-from swim2real.store import (
+from swimbase.checking import Number, PathText, check, read, shown
+from swimbase.errors import ArgumentError, RunError
+from swimbase.store import (
     drop_cut_line,
     from_json,
     locked,

@@ -6,7 +6,7 @@ import logging
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from swim2real.errors import ArgumentError, RunError
+from swimbase.errors import ArgumentError, RunError
 
 if TYPE_CHECKING:
     from swim2real.robots.robot import Robot

@@ -19,7 +19,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, TypeVar
 
-from swim2real.errors import RobotError
+from swimbase.errors import RobotError
 
 SECONDS = 60  # that a model may take
 MEMORY = 4 << 30  # bytes of address space, on Linux

@@ -8,7 +8,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from swim2real.errors import RobotError
+from swimbase.errors import RobotError
 
 SHORTEST_STEP = 1e-6  # s
 _UNITS = {

@@ -9,9 +9,9 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from swim2real.errors import EngineError, TrialError
 from swim2real.robots.targets import Delays
 from swim2real.trials import Trial
+from swimbase.errors import EngineError, TrialError
 
 Array = NDArray[np.float64]
 

@@ -18,8 +18,6 @@ import mujoco
 import numpy as np
 
 from swim2real import consent
-from swim2real.checking import check
-from swim2real.errors import ArgumentError, ParameterError, RobotError
 from swim2real.parameters import Parameter, ParameterSpace, Values
 from swim2real.robots.alone import compile_alone, within
 from swim2real.robots.compiled import REFUSALS, compiled, one_line, sensor_units
@@ -39,6 +37,8 @@ from swim2real.robots.schema import (
 )
 from swim2real.robots.targets import Delay, Target
 from swim2real.trials import units
+from swimbase.checking import check
+from swimbase.errors import ArgumentError, ParameterError, RobotError
 
 PLANES = {"above": (0, 1), "side": (0, 2), "front": (1, 2)}
 MARKER = "marker:"  # before the name of a marker's sensor, where the model may have others

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from swim2real.consent import OUTSIDE, Request
-from swim2real.errors import RobotError
+from swimbase.errors import RobotError
 
 _FOLDERS = ("meshdir", "texturedir", "assetdir")  # of an MJCF compiler
 _SIDES = ("fileright", "fileleft", "fileup", "filedown", "filefront", "fileback")  # of a cube's texture

@@ -21,7 +21,7 @@ from types import ModuleType
 from typing import Any, ClassVar
 
 from swim2real.consent import CODE, Request
-from swim2real.errors import ConsentError
+from swimbase.errors import ConsentError
 
 PREFIX = "python:"
 FORMS = "python:MODULE:FUNCTION or python:FILE.py:FUNCTION"

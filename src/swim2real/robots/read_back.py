@@ -15,11 +15,11 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from swim2real.errors import RobotError
 from swim2real.parameters import Parameter
 from swim2real.robots.compiled import REFUSALS
 from swim2real.robots.robot import Robot
 from swim2real.robots.targets import Selection
+from swimbase.errors import RobotError
 
 Array = NDArray[np.float64]
 

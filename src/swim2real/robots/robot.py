@@ -12,12 +12,12 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from swim2real.errors import ArgumentError, TrialError
 from swim2real.parameters import ParameterSpace, Values
 from swim2real.robots.drives import Drive
 from swim2real.robots.targets import Delay, Delays, Target
 from swim2real.settings import ProtocolName
 from swim2real.trials import Signals, Trial, TrialSet
+from swimbase.errors import ArgumentError, TrialError
 
 _PLACES = tuple(
     map(int, (mujoco.mjtSensor.mjSENS_JOINTPOS, mujoco.mjtSensor.mjSENS_TENDONPOS, mujoco.mjtSensor.mjSENS_ACTUATORPOS))

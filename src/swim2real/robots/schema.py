@@ -51,10 +51,10 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, Tag, model_validator
 
-from swim2real.checking import Label
-from swim2real.errors import RobotError
 from swim2real.robots.named_code import FORMS, PREFIX, NamedCode
-from swim2real.store import MOST_TEXT, from_toml, read_bytes
+from swimbase.checking import Label
+from swimbase.errors import RobotError
+from swimbase.store import MOST_TEXT, from_toml, read_bytes
 
 FORMAT = 1
 

@@ -32,8 +32,8 @@ from typing import Any, Literal
 import mujoco
 import numpy as np
 
-from swim2real.checking import did_you_mean
-from swim2real.errors import RobotError
+from swimbase.checking import did_you_mean
+from swimbase.errors import RobotError
 
 KINDS = {
     "body": "bodies", "joint": "joints", "geom": "geoms", "site": "sites", "tendon": "tendons",

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from xml.etree import ElementTree
 
-from swim2real.errors import RobotError
+from swimbase.errors import RobotError
 
 _NAME = re.compile(r"(?:package|model)://([^/]+)/(.+)|file://(.+)")
 _KEEPS = ("fusestatic", "discardvisual")  # what MuJoCo leaves out of a URDF unless told otherwise

@@ -6,7 +6,6 @@ the other. Version numbers alone would hide a next such change: an engine's fing
 
 from __future__ import annotations
 
-import logging
 import os
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -17,12 +16,10 @@ from typing import Any, Protocol, TypeVar
 import mujoco
 import numpy as np
 
-from swim2real.errors import EngineError
 from swim2real.parameters import Values
 from swim2real.robots.robot import Robot
 from swim2real.trials import TrialSet
-
-_log = logging.getLogger(__name__)
+from swimbase.errors import EngineError
 
 _FINGERPRINT_TOLERANCE = 1e-9
 
@@ -118,7 +115,6 @@ T = TypeVar("T")
 
 _BUILDING = Lock()
 """Held while a robot is built and compiled: a robot file's code needn't know of threads."""
-_WARNING = Lock()
 
 
 def model_of(robot: Robot, values: Values) -> mujoco.MjModel | str:
@@ -147,14 +143,3 @@ def all_of(work: Sequence[Callable[[], T]], costs: Sequence[float], threads: int
     with ThreadPoolExecutor(threads) as pool:
         done = dict(zip(order, pool.map(lambda i: work[i](), order), strict=True))
     return [done[i] for i in range(len(work))]
-
-
-def log_warnings() -> None:
-    """Takes the engine's warnings into the log; it would write MUJOCO_LOG.TXT into the working folder.
-
-    Whoever steps a simulation sees that it diverges, so they are of interest to developers only. The engine's bindings
-    wait for each other forever where two threads ask for the first time.
-    """
-    with _WARNING:
-        if mujoco.get_mju_user_warning() is None:
-            mujoco.set_mju_user_warning(_log.debug)

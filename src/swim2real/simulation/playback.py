@@ -12,7 +12,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from swim2real.errors import EngineError, TrialError
+from markertrack.track import MarkerTrack
 from swim2real.parameters import Values
 from swim2real.robots.drives import commands
 from swim2real.robots.robot import Robot, Sensor
@@ -37,8 +37,9 @@ from swim2real.simulation.start import (
     start_at_markers,
 )
 from swim2real.simulation.stepper import physics_state, roll, roll_each
-from swim2real.trials import MarkerTrack, Signals, Trial, TrialSet
+from swim2real.trials import Signals, Trial, TrialSet
 from swim2real.trials.signals import MEMORY
+from swimbase.errors import EngineError, TrialError
 
 Array = NDArray[np.float64]
 

@@ -13,13 +13,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from swim2real.errors import EngineError
+from fluidstep.step import FastStep, disagreement
+from markertrack import frames
+from markertrack.track import MarkerTrack
 from swim2real.parameters import Values
 from swim2real.robots.robot import Robot
-from swim2real.simulation.fast_step import FastStep, disagreement
 from swim2real.simulation.forward_model import Engine, all_of, model_of, thread_count
 from swim2real.simulation.stepper import Chunk, Stepper
-from swim2real.trials import Actuation, MarkerTrack, Trial, TrialSet, frames
+from swim2real.trials import Actuation, Trial, TrialSet
+from swimbase.errors import EngineError
 
 Array = NDArray[np.float64]
 SimulationStep = Literal["auto", "fast", "engine"]

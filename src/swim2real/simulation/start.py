@@ -17,11 +17,11 @@ import numpy as np
 from mujoco import rollout
 from numpy.typing import NDArray
 
-from swim2real.errors import EngineError, TrialError
 from swim2real.robots.robot import Sensor, Trials
 from swim2real.simulation.pose import SCALAR, PoseFit
 from swim2real.simulation.stepper import PHYSICS, physics_state
 from swim2real.trials import Trial
+from swimbase.errors import EngineError, TrialError
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

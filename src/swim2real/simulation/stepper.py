@@ -9,9 +9,9 @@ import numpy as np
 from mujoco import rollout
 from numpy.typing import NDArray
 
+from fluidstep.engine_log import log_warnings
+from fluidstep.step import FastStep
 from swim2real.robots.robot import Robot
-from swim2real.simulation.fast_step import FastStep
-from swim2real.simulation.forward_model import log_warnings
 
 Array = NDArray[np.float64]
 

@@ -11,10 +11,10 @@ from typing import Any
 
 import pooch
 
-from swim2real.errors import TrialError
 from swim2real.trials.published import read_published
 from swim2real.trials.reference import INDEX, save_reference
 from swim2real.trials.trial import TrialSet
+from swimbase.errors import TrialError
 
 COMMIT = "08880b6ed0ac60a03fa37df9b9a85ea07746f381"
 SOURCE = f"https://raw.githubusercontent.com/srl-ethz/fishsim/{COMMIT}/Data/Markers/"

@@ -14,12 +14,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from swim2real.checking import did_you_mean
-from swim2real.errors import ArgumentError, TrialError
 from swim2real.formatting import listed
-from swim2real.names import quoted
 from swim2real.trials.text_table import TextTable, read_table
 from swim2real.trials.units import factor, kind_of, unit_of_header, without_unit
+from swimbase.checking import did_you_mean
+from swimbase.errors import ArgumentError, TrialError
+from swimbase.names import quoted
 
 if TYPE_CHECKING:
     import pandas as pd

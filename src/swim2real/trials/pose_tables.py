@@ -13,9 +13,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from swim2real.errors import TrialError
+from markertrack.track import MarkerTrack
 from swim2real.trials.text_table import TextTable, read_table, write_table
-from swim2real.trials.trial import MarkerTrack
+from swimbase.errors import TrialError
 
 Array = NDArray[np.float64]
 Markers = dict[str, Array]

@@ -7,10 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
-from swim2real.errors import TrialError
-from swim2real.names import quoted
+from markertrack.track import MarkerTrack
 from swim2real.trials.text_table import read_table
-from swim2real.trials.trial import MarkerTrack, Perspective, Trial, check_motion
+from swim2real.trials.trial import Perspective, Trial, check_motion
+from swimbase.errors import TrialError
+from swimbase.names import quoted
 
 _FPS = 60.0
 _MARKERS = 9

@@ -18,15 +18,16 @@ from typing import Any, Literal
 import numpy as np
 from pydantic import BaseModel, Field, model_validator
 
-from swim2real.checking import FileName, Label, Number, PathText, Positive, read
-from swim2real.errors import TrialError
-from swim2real.names import composed, file_key
-from swim2real.store import locked, path_from, reason, write_json
+from markertrack.track import MarkerTrack
 from swim2real.trials.published import read_published
 from swim2real.trials.signals import TIME, Signals, read_signals, write_signals
 from swim2real.trials.text_table import read_table, write_table
 from swim2real.trials.timebase import Timebase
-from swim2real.trials.trial import MarkerTrack, Perspective, Trial, TrialSet, check_motion, check_trial_name
+from swim2real.trials.trial import Perspective, Trial, TrialSet, check_motion, check_trial_name
+from swimbase.checking import FileName, Label, Number, PathText, Positive, read
+from swimbase.errors import TrialError
+from swimbase.names import composed, file_key
+from swimbase.store import locked, path_from, reason, write_json
 
 INDEX = "reference.json"
 _SENSORS, _CONTROLS = ".sensors.csv", ".controls.csv"  # after the name of a trial that wasn't filmed

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from swim2real.errors import TrialError
-from swim2real.names import label_fault, quoted
 from swim2real.trials.text_table import read_table, write_table
+from swimbase.errors import TrialError
+from swimbase.names import label_fault, quoted
 
 Array = NDArray[np.float64]
 

@@ -16,10 +16,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from swim2real.errors import TrialError
-from swim2real.names import quoted
-from swim2real.store import MOST_ROWS, MOST_TABLE, read_bytes, whole_file
 from swim2real.trials.units import kind_of, known_unit
+from swimbase.errors import TrialError
+from swimbase.names import quoted
+from swimbase.store import MOST_ROWS, MOST_TABLE, read_bytes, whole_file
 
 Array = NDArray[np.float64]
 Record = tuple[int, list[str], bool]

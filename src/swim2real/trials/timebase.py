@@ -7,11 +7,12 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from swim2real.checking import Positive
+from swimbase.checking import Positive
 
 if TYPE_CHECKING:
+    from markertrack.track import MarkerTrack
     from swim2real.trials.signals import Signals
-    from swim2real.trials.trial import MarkerTrack, Trial
+    from swim2real.trials.trial import Trial
 
 KnownBy = Literal["stamps", "container", "given"]
 _WORDS: dict[KnownBy, str] = {"stamps": "by its time stamps", "container": "by its container", "given": "as given"}

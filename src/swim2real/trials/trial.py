@@ -8,103 +8,18 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
-from swim2real.checking import Number, Positive, did_you_mean
-from swim2real.errors import TrialError
-from swim2real.names import composed, file_name_fault, label_fault, quoted
-from swim2real.trials import frames
-from swim2real.trials.signals import Signals
-from swim2real.trials.timebase import Timebase
+from markertrack.span import Span
+from markertrack.track import MarkerTrack
+from swim2real.trials.signals import MEMORY, Signals
+from swim2real.trials.timebase import TABLES, Timebase
+from swimbase.checking import Number, Positive, did_you_mean
+from swimbase.errors import TrialError
+from swimbase.names import composed, file_name_fault, label_fault, quoted
 
-Array = NDArray[np.float64]
 _SHORTEST, _LONGEST = 1e-6, 10.0  # s from one row to the next, on average
 Share = Annotated[Number, Field(ge=-0.5, le=0.5)]
-
-
-def _frozen(array: object) -> Array:
-    copy = np.array(array, dtype=float)
-    copy.flags.writeable = False
-    return copy
-
-
-@dataclass(frozen=True)
-class MarkerTrack:
-    """Markers over time, in the plane of the water.
-
-    Attributes:
-        times: Time stamps, rising [s]. Shape (T,).
-        positions: World positions, NaN where a marker was not seen [m]. Shape (T, M, 2).
-        confidence: Confidence from 0 (lost) to 1, by frame and marker. Shape (T, M).
-    """
-
-    times: Array
-    positions: Array
-    confidence: Array
-
-    def __init__(self, times: object, positions: object, confidence: object = None) -> None:
-        stamps, points = _frozen(times), _frozen(positions)
-        if points.ndim != 3 or points.shape[2] != 2 or points.shape[0] != stamps.size or stamps.ndim != 1:
-            raise TrialError(
-                f"positions have shape {points.shape} and times {stamps.shape}; expected (T, M, 2) and (T,)"
-            )
-        if stamps.size < 2:
-            raise TrialError(f"a track needs at least 2 frames, this one has {stamps.size}")
-        if not np.all(np.isfinite(stamps)) or not np.all(np.diff(stamps) > 0):
-            raise TrialError("time stamps must be finite and rise from frame to frame")
-        seen = np.isfinite(points).all(axis=2)
-        given = np.ones(seen.shape) if confidence is None else np.array(confidence, dtype=float)
-        if given.shape != seen.shape:
-            raise TrialError(f"confidence has shape {given.shape}; expected (T, M) = {seen.shape}")
-        if np.any((given < 0) | (given > 1)):
-            raise TrialError("confidence must lie within 0 and 1")
-        object.__setattr__(self, "times", stamps)
-        object.__setattr__(self, "positions", points)
-        object.__setattr__(self, "confidence", _frozen(np.where(seen, np.nan_to_num(given), 0.0)))
-
-    @property
-    def frame_count(self) -> int:
-        return int(self.times.size)
-
-    @property
-    def marker_count(self) -> int:
-        return int(self.positions.shape[1])
-
-    @property
-    def duration(self) -> float:
-        """Time from the first to the last frame [s]."""
-        return float(self.times[-1] - self.times[0])
-
-    @property
-    def heads(self) -> Array:
-        """Mean of the first two markers [m]. Shape (T, 2)."""
-        return frames.heads(self.positions)
-
-    @property
-    def body(self) -> Array:
-        """Positions in the body frame: origin at marker 0, x toward marker 1 [m]. Shape (T, M, 2)."""
-        return frames.to_body(self.positions)
-
-    @property
-    def swim(self) -> Array:
-        """Positions in the swim frame, as far as the fish has come [m]. Shape (T, M, 2)."""
-        return frames.to_swim(self.positions)
-
-    @property
-    def course(self) -> Array:
-        """Positions in the world, turned so that the swim goes toward -x from the origin [m]. Shape (T, M, 2)."""
-        return frames.to_course(self.times, self.positions)
-
-    @property
-    def progress(self) -> Array:
-        """Displacement of the head along the swimming axis since the first frame [m]. Shape (T,)."""
-        return frames.progress(self.times, self.positions)
-
-    @property
-    def speed(self) -> float:
-        """Slope of a straight-line fit to the progress [m/s]."""
-        return frames.slope(self.times, self.progress)
 
 
 @dataclass(frozen=True)
@@ -241,6 +156,37 @@ class Trial:
         track = self.track
         keep = track.times - track.times[0] <= horizon + 1e-9
         return replace(self, track=MarkerTrack(track.times[keep], track.positions[keep], track.confidence[keep]))
+
+    def within(self, span: Span) -> Trial:
+        """The trial within a stretch of time, its times counted from its first frame.
+
+        Commands of the last seconds before it stay, at times below 0, since actuators may remember them. A known start
+        stays only where nothing is cut off before it.
+
+        Raises:
+            TrialError: The stretch isn't within the trial, or holds fewer than 2 frames.
+        """
+        if span.whole:
+            return self
+        track = span.of_track(self.track, f"trial '{self.name}'")
+        first, last = float(track.times[0]), float(track.times[-1])
+        later = first > float(self.track.times[0])
+        clocks = {
+            kind: clock if not first or clock.origin == TABLES
+            else replace(clock, origin=f"{clock.origin} plus {first:.10g} s")
+            for kind, clock in self.timebases.items()
+        }  # fmt: skip
+        return replace(
+            self,
+            track=MarkerTrack(track.times - first, track.positions, track.confidence),
+            provenance=", ".join(filter(None, (self.provenance, span.words))),
+            video_begin=self.video_begin + first,
+            controls=None if self.controls is None else self.controls.cut(first, last, before=MEMORY),
+            sensors=None if self.sensors is None else self.sensors.cut(first, last),
+            timebases=clocks,
+            start={} if later else self.start,
+            start_velocities={} if later else self.start_velocities,
+        )
 
 
 @dataclass(frozen=True)

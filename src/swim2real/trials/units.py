@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 import re
 
-from swim2real.checking import did_you_mean
-from swim2real.errors import ArgumentError
+from swimbase.checking import did_you_mean
+from swimbase.errors import ArgumentError
 
 _PREFIXES = {"": 1.0, "k": 1e3, "h": 1e2, "c": 1e-2, "m": 1e-3, "u": 1e-6, "µ": 1e-6, "n": 1e-9}
 _SI = {

@@ -15,13 +15,13 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 from scipy.spatial import ConvexHull, QhullError
 
-from swim2real.errors import ArgumentError
-from swim2real.rendering.drawing import PAGE, Bytes, Canvas, Color
-from swim2real.store import write_arrays
-from swim2real.video import VideoWriter
+from markertrack.drawing import PAGE, Bytes, Canvas, Color
+from markertrack.video import VideoWriter
 from swim2real.viewing import offscreen
 from swim2real.viewing.motion import RATE, Motion
 from swim2real.viewing.scenery import LARGEST
+from swimbase.errors import ArgumentError
+from swimbase.store import write_arrays
 
 _FPS = 30.0
 _BACKENDS = {"egl": "EGL", "osmesa": "OSMesa", "glfw": "GLFW"}

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swim2real.checks.probing import excitation, swing
-from swim2real.errors import EngineError
 from swim2real.objective import ComparedTrial
 from swim2real.parameters import Values
 from swim2real.robots.compiled import compiled
@@ -21,6 +20,7 @@ from swim2real.simulation.playback import Rollout
 from swim2real.simulation.simulator import settling_turns
 from swim2real.simulation.stepper import Rolled, Stepper, roll
 from swim2real.viewing.scenery import ABOVE, SIDE, furnish
+from swimbase.errors import EngineError
 
 Array = NDArray[np.float64]
 

@@ -14,8 +14,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from swim2real.rendering.drawing import INK, PAGE, Bytes, Canvas, Color, to_pillow
-from swim2real.video import VideoWriter
+from markertrack.drawing import INK, PAGE, Bytes, Canvas, Color, to_pillow
+from markertrack.video import VideoWriter
 
 MODEL, MOTION = "model.mjb", "motion.npz"
 SIMULATED: Color = (20, 89, 191)

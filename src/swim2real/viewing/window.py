@@ -11,9 +11,9 @@ import mujoco.viewer
 import numpy as np
 from numpy.typing import NDArray
 
-from swim2real.errors import ArgumentError
 from swim2real.viewing.motion import Motion
 from swim2real.viewing.offscreen import REAL, SIMULATED, SMALLER
+from swimbase.errors import ArgumentError
 
 KEYS = "space pauses, up and down change the speed, left and right step, [ and ] change the camera, Esc frees it"
 _SPACE, _RIGHT, _LEFT, _DOWN, _UP = 32, 262, 263, 264, 265  # as GLFW numbers them

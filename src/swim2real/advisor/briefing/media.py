@@ -9,12 +9,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeAlias
 
+from markertrack.drawing import Bytes, to_png
 from swim2real.advisor.vlm.exchange import Media
-from swim2real.errors import ArgumentError, VideoError
 from swim2real.rendering.album import TrialPictures
-from swim2real.rendering.drawing import Bytes, to_png
 from swim2real.rendering.film import clip_times, film_clip, film_sheet
 from swim2real.settings import DetailName
+from swimbase.errors import ArgumentError, VideoError
 
 Films: TypeAlias = Mapping[str, tuple[Path, float | None]]  # by trial; the rate that was given for each
 

@@ -17,14 +17,14 @@ from swim2real.advisor.briefing.history import effects, loss, rounds_told
 from swim2real.advisor.briefing.media import DETAILS, Detail, Films, gather_media, overlay, shorter
 from swim2real.advisor.vlm.exchange import Media, Request
 from swim2real.advisor.vlm.reply import reply_schema
-from swim2real.errors import ArgumentError
-from swim2real.escaping import plain_markdown
 from swim2real.objective import TAIL_FIRST_LOSS, Comparison
 from swim2real.optimizers import Evaluation, Situation
 from swim2real.parameters import ParameterSpace, Values
 from swim2real.rendering.album import Album, TrialPictures
 from swim2real.robots.robot import Robot
 from swim2real.settings import BriefingSettings, Show
+from swimbase.errors import ArgumentError
+from swimbase.escaping import plain_markdown
 
 FromRest: TypeAlias = Mapping[str, tuple[float | None, float | None]]
 

@@ -26,12 +26,12 @@ from swim2real.advisor.physics.model import (
     to_speed_scale,
     without_outliers,
 )
-from swim2real.errors import ArgumentError
 from swim2real.objective.figures import FitFigures
 from swim2real.optimizers import Evaluation, Proposal, Round, Situation
 from swim2real.optimizers.advisor import DECIMALS
 from swim2real.parameters import ParameterSpace
 from swim2real.robots.robot import Robot
+from swimbase.errors import ArgumentError
 
 Array = NDArray[np.float64]
 

@@ -18,13 +18,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swim2real.advisor.physics.model import reason
-from swim2real.errors import AdvisorError
 from swim2real.formatting import listed
 from swim2real.objective.figures import FitFigures
 from swim2real.optimizers import Advice, Evaluation, Measurement, Proposal, Round, Situation
 from swim2real.optimizers.advisor import DECIMALS
 from swim2real.optimizers.least_squares import box_step, updated
 from swim2real.parameters import ParameterSpace
+from swimbase.errors import AdvisorError
 
 Array = NDArray[np.float64]
 

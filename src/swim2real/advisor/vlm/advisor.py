@@ -14,10 +14,10 @@ from swim2real.advisor.vlm.exchange import Attempt, CallError, Client, Reply, Re
 from swim2real.advisor.vlm.providers import same_model
 from swim2real.advisor.vlm.reply import ReplyError, parse_reply
 from swim2real.advisor.vlm.transcript import Call, Incumbent, Outcome, Totals, Transcript, totals
-from swim2real.errors import AdvisorError, ArgumentError
 from swim2real.optimizers import Advice, Advisor, Evaluation, Measurement, Situation
 from swim2real.parameters import ParameterSpace
 from swim2real.settings import VlmAccess
+from swimbase.errors import AdvisorError, ArgumentError
 
 REPAIRS = 2  # of one reply
 _PROBE = "probe"  # note of a measurement that was asked for in a reply, of a list of them the last

@@ -24,8 +24,8 @@ from urllib.parse import urlsplit
 
 from swim2real.advisor.vlm.exchange import Attempt, CallError, Finish, Reply, Request
 from swim2real.advisor.vlm.providers import PLACEHOLDER, PROVIDERS, check_installed, price, read_key, redact, send
-from swim2real.errors import ArgumentError
 from swim2real.settings import MediaKind, VlmAccess, split_vlm_name
+from swimbase.errors import ArgumentError
 
 if TYPE_CHECKING:
     from pydantic_ai.messages import ModelResponse

@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal, Protocol
 
 from pydantic import FiniteFloat, PlainSerializer
 
-from swim2real.errors import AdvisorError
+from swimbase.errors import AdvisorError
 
 Finish = Literal["stop", "length", "refusal"]
 FailureKind = Literal["unreachable", "blocked", "too_long", "settings"]

@@ -10,9 +10,9 @@ from typing import Any
 
 from swim2real.advisor.vlm.exchange import Attempt, Reply, Request
 from swim2real.advisor.vlm.transcript import CALLS
-from swim2real.errors import AdvisorError, WaitingForReply
-from swim2real.escaping import plain_markdown
-from swim2real.store import MOST_TEXT, read_bytes, reason, write_bytes, write_json, write_text
+from swimbase.errors import AdvisorError, WaitingForReply
+from swimbase.escaping import plain_markdown
+from swimbase.store import MOST_TEXT, read_bytes, reason, write_bytes, write_json, write_text
 
 BRIEFING, SCHEMA, REPLY, PROBLEM = "briefing.md", "reply.schema.json", "reply.json", "reply.problem.txt"
 _POLL = 0.5  # s

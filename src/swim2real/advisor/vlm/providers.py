@@ -13,7 +13,7 @@ from operator import itemgetter
 from typing import TYPE_CHECKING, Any, Literal
 
 from swim2real.advisor.vlm.exchange import Request
-from swim2real.errors import ArgumentError, MissingExtraError
+from swimbase.errors import ArgumentError, MissingExtraError
 
 if TYPE_CHECKING:
     import httpx2

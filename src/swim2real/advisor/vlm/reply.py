@@ -12,12 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, Strict, TypeAdapter, ValidationError
 
-from swim2real.checking import explained, shown
-from swim2real.errors import AdvisorError
 from swim2real.optimizers import Proposal
 from swim2real.parameters import ParameterSpace
 from swim2real.parameters.space import unknown_name
-from swim2real.store import named_once
+from swimbase.checking import explained, shown
+from swimbase.errors import AdvisorError
+from swimbase.store import named_once
 
 SAME = 1e-3  # relative: a value that is repeated as it was shown, rounded, is no change
 _LONGEST_TEXT = 20_000  # characters that are kept of a diagnosis

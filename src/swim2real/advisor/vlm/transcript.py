@@ -14,10 +14,10 @@ from typing import Annotated, Any, Literal, cast
 from pydantic import AfterValidator, Field, FiniteFloat, TypeAdapter
 
 from swim2real.advisor.vlm.exchange import Attempt, Media, Reply, Request
-from swim2real.checking import read
-from swim2real.errors import AdvisorError
 from swim2real.optimizers import Evaluation
-from swim2real.store import reason, write_bytes, write_json
+from swimbase.checking import read
+from swimbase.errors import AdvisorError
+from swimbase.store import reason, write_bytes, write_json
 
 CALLS = "advisor"  # folder of a run
 MEDIA = "media"

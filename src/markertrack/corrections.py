@@ -1,0 +1,325 @@
+"""Where a track is doubtful, and corrections by hand, from which a marker is followed in both directions.
+
+Markers that fail at about the same time, near one another, are one stretch: a person sees to them together.
+
+A track keeps what it was sure of, except where a correction contradicts it. Between two places that are known, clicks
+or sure frames, a marker is followed forward from the first and backward from the second by its picture (`patches`), and
+moves with its neighbors meanwhile. Where both ways meet it is sure, where they don't it is doubtful.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from markertrack.points import Anchor
+from markertrack.quality import DOUBTFUL
+from markertrack.track import MarkerTrack
+from markertrack.tracking.appearance import radius_at
+from markertrack.tracking.patches import Patches
+from markertrack.tracking.tracker import DOUBT, Array, Image, Mask
+
+_Found = tuple[Array, float]  # place and score
+
+GAP = 5  # frames between two failures of a marker that are one stretch
+OVERLAP = 0.5  # share of their common time in which two markers of one stretch fail at once
+NEAR = 1.25  # times the usual spacing of markers, within which those of one stretch lie
+NEIGHBORS = 3  # markers with which a lost one is expected to move on
+_SAMPLES = 50  # frames that tell how far apart markers are
+ROOM = (32, 80)  # px around an expected place that are kept, at least and at most
+AGREE = 0.5  # radii within which the ways from both sides agree, or
+AGREE_PX = 2.0  # px
+CLICK_PX, MOST_CLICK_PX = 2.0, 6.0  # by which a click that confirms a place may be off it, at least and at most
+CLICK_SHARE = 0.05  # of the markers' usual spacing, likewise
+JUMP_SHARE = 0.4  # of that spacing by which the velocity of a marker may change per frame
+FAIR = 0.7  # correlation of a marker on which both ways agree
+CHANGED = 0.9  # correlation below which its picture is taken anew
+SURE = 0.8  # correlation of a marker that is followed without a doubt
+MEANWHILE = 5  # frames that a click is believed against the track, on each side, where it says that a marker is hidden
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """A time in which markers of a track fail.
+
+    Attributes:
+        markers: Indices of the markers, which are near one another.
+        first: Number of the first frame in which one of them fails, in the track.
+        last: Number of the last one.
+        reason: What happens to them in most frames.
+        failures: Number of marker-frames that are lost or doubtful.
+    """
+
+    markers: tuple[int, ...]
+    first: int
+    last: int
+    reason: Literal["lost", "doubtful"]
+    failures: int
+
+
+def find_stretches(track: MarkerTrack) -> list[Stretch]:
+    """Finds where a track is lost (without a position, or with confidence 0) or doubtful.
+
+    Args:
+        track: Track in pixels.
+
+    Returns:
+        Stretches, the one with the most failures first. None where nothing is doubtful.
+    """
+    lost = ~np.isfinite(track.positions).all(axis=2) | (track.confidence <= 0)
+    failing = lost | (track.confidence < DOUBTFUL)
+    expected = expected_places(track)
+    near = NEAR * spacing(expected)
+    runs = [(first, last, m) for m in range(track.marker_count) for first, last in _runs(failing[:, m])]
+    groups: list[list[tuple[int, int, int]]] = []
+    going: list[list[tuple[int, int, int]]] = []  # groups that a later run can belong to
+    for first, last, m in sorted(runs):
+        going = [group for group in going if group[0][1] >= first]
+        for group in going:
+            begin, end, other = group[0]
+            common = min(last, end) - first + 1
+            apart = expected[first + common // 2, m] - expected[first + common // 2, other]
+            if common >= OVERLAP * (max(last, end) - begin + 1) and np.hypot(*apart) <= near:
+                group.append((first, last, m))
+                break
+        else:
+            groups.append([(first, last, m)])
+            going.append(groups[-1])
+    stretches: list[Stretch] = []
+    for group in groups:
+        count = sum(int(failing[first : last + 1, m].sum()) for first, last, m in group)
+        missed = sum(int(lost[first : last + 1, m].sum()) for first, last, m in group)
+        begin, end = min(run[0] for run in group), max(run[1] for run in group)
+        reason = "lost" if 2 * missed >= count else "doubtful"
+        stretches.append(Stretch(tuple(sorted({run[2] for run in group})), begin, end, reason, count))
+    return sorted(stretches, key=lambda stretch: (-stretch.failures, stretch.first))
+
+
+def expected_places(track: MarkerTrack) -> Array:
+    """Where each marker should be by its sure frames, between which it moves with its neighbors [px]. Shape (T, M, 2).
+
+    NaN for a marker that was never seen.
+    """
+    seen = np.isfinite(track.positions).all(axis=2) & (track.confidence > 0)
+    sure = seen & (track.confidence >= DOUBTFUL)
+    known = np.where(sure.any(axis=0), sure, seen)
+    filled = _filled(track.positions, known)
+    apart = _apart(filled)
+    expected = filled.copy()
+    for m in np.flatnonzero(~known.all(axis=0)).tolist():
+        beside = np.argsort(apart[m])[:NEIGHBORS]
+        beside = beside[np.isfinite(apart[m, beside])]
+        if len(beside):
+            carried = filled[:, beside].mean(axis=1)
+            offset = (track.positions[:, m] - carried)[:, None]
+            expected[:, m] = carried + _filled(offset, known[:, m : m + 1])[:, 0]
+    return expected
+
+
+def spacing(places: Array) -> float:
+    """Usual distance of a marker from the next one [px]; NaN where there is one marker."""
+    nearest = _apart(places).min(axis=1)
+    return float(np.median(nearest[np.isfinite(nearest)])) if np.isfinite(nearest).any() else float("nan")
+
+
+@dataclass
+class _Gap:
+    """A stretch of a track in which one marker is followed anew.
+
+    Attributes:
+        marker: Its index.
+        first: Number of the first frame of the stretch in the track.
+        known: Places that are known in it and beside it, by frame [px].
+        hidden: Frames of it in which the marker is hidden.
+        expected: Where it may be in each frame. Shape (T, 2).
+        room: Distance around the expected place that is kept of each picture [px].
+    """
+
+    marker: int
+    first: int
+    last: int
+    known: dict[int, Array]
+    hidden: frozenset[int]
+    expected: Array
+    room: int
+    _windows: dict[int, tuple[Image, Array]] = field(default_factory=dict[int, tuple[Image, Array]], init=False)
+
+    def needs(self, frame: int) -> bool:
+        """Whether a frame lies in the stretch or beside it."""
+        return self.first - 1 <= frame <= self.last + 1
+
+    def see(self, frame: int, image: Image) -> None:
+        """Keeps what is needed of the picture of a frame."""
+        left, top = np.maximum(np.round(self.expected[frame]).astype(int) - self.room, 0).tolist()
+        right, bottom = np.round(self.expected[frame]).astype(int) + self.room + 1
+        part = np.ascontiguousarray(image[top : max(int(bottom), top + 1), left : max(int(right), left + 1)])
+        self._windows[frame] = part, np.array([left, top], dtype=float)
+
+    def followed(self) -> tuple[Array, Array]:
+        """Places, NaN where the marker is lost [px], and confidence in each frame. Shapes (L, 2), (L,)."""
+        count = self.last - self.first + 1
+        places, confidence = np.full((count, 2), np.nan), np.zeros(count)
+        stops = sorted({*self.known, *self.hidden, self.first - 1, self.last + 1})
+        for begin, end in pairwise(stops):
+            frames = range(begin + 1, end)
+            forward = self._follow(begin, list(frames)) if begin in self.known else {}
+            backward = self._follow(end, list(reversed(frames))) if end in self.known else {}
+            for frame in frames:
+                place, sure = self._joined(frame, begin, end, forward.get(frame), backward.get(frame))
+                places[frame - self.first], confidence[frame - self.first] = place, sure
+        for frame, place in self.known.items():
+            if self.first <= frame <= self.last:
+                places[frame - self.first], confidence[frame - self.first] = place, 1.0
+        return places, confidence
+
+    def _follow(self, begin: int, frames: list[int]) -> dict[int, _Found]:
+        """Places and scores in frames one after the other, from a known one on."""
+        image, corner = self._windows[begin]
+        place = self.known[begin]
+        self._radius = radius_at(image, (place - corner)[None])
+        patches = Patches(image, (place - corner)[None], np.array([self._radius]), np.full((1, 3), 85.0))
+        found: dict[int, _Found] = {}
+        before = begin
+        for frame in frames:
+            image, corner = self._windows[frame]
+            place = place + self.expected[frame] - self.expected[before]
+            before = frame
+            peaks = patches.find(image, 0, place - corner, 1.5 * self._radius + 3.0)
+            if peaks:
+                place = np.array([peaks[0].x, peaks[0].y]) + corner
+                found[frame] = place, peaks[0].score
+                if SURE < peaks[0].score < CHANGED:  # each time it is taken anew, its place is off by a little
+                    patches.learn(image, 0, place - corner)
+        return found
+
+    def _joined(
+        self, frame: int, begin: int, end: int, forward: _Found | None, backward: _Found | None
+    ) -> tuple[Array | float, float]:
+        """Place and confidence in a frame between two stops."""
+        if forward is None and backward is None:
+            return np.nan, 0.0
+        if forward is not None and backward is not None:
+            if np.hypot(*(forward[0] - backward[0])) < max(AGREE * self._radius, AGREE_PX):
+                share = (frame - begin) / (end - begin)
+                score = max(forward[1], backward[1])
+                return (1 - share) * forward[0] + share * backward[0], score if score > FAIR else DOUBT
+            return (forward if frame - begin < end - frame else backward)[0], DOUBT
+        place, score = forward or backward or (np.full(2, np.nan), 0.0)
+        other = end if forward is not None else begin
+        return place, score if score > SURE and other not in self.known else min(score, DOUBT)
+
+
+def gaps_to_correct(
+    track: MarkerTrack, anchors: Sequence[Anchor], bodies: Sequence[int]
+) -> tuple[MarkerTrack, list[_Gap]]:
+    """The track without what corrections contradict, and the stretches in which markers are followed anew.
+
+    A click on a place that was doubted confirms it, and with it all markers of the rigid body, in this frame and in
+    those around it that were doubted and through which the marker moves on steadily.
+
+    Args:
+        track: Track in pixels.
+        anchors: What a person says of frames of the track; frame numbers are those of the track.
+        bodies: Number of the rigid body that carries each marker. Shape (M,).
+    """
+    positions, confidence = track.positions.copy(), track.confidence.copy()
+    sure, seen = confidence >= DOUBTFUL, np.isfinite(positions[:, :, 0])
+    apart = np.nan_to_num(spacing(expected_places(track)), nan=np.inf)
+    clicks: dict[int, dict[int, Array]] = {}
+    hidden: dict[int, set[int]] = {}
+    for anchor in anchors:
+        for m in np.flatnonzero(np.isfinite(anchor.points[:, 0])).tolist():
+            off = np.hypot(*(positions[anchor.frame, m] - anchor.points[m]))
+            if off < max(CLICK_PX, min(CLICK_SHARE * apart, MOST_CLICK_PX)):
+                part = _steady(positions[:, m], seen[:, m] & ~sure[:, m], anchor.frame, JUMP_SHARE * apart)
+                same = np.flatnonzero(np.asarray(bodies) == bodies[m])
+                sure[part, same[:, None]] |= seen[part, same[:, None]]
+                continue
+            clicks.setdefault(m, {})[anchor.frame] = anchor.points[m]
+            if sure[anchor.frame, m]:
+                first, last = _around(~sure[:, m], anchor.frame)
+                sure[first : last + 1, m] = False
+        for m in np.flatnonzero(anchor.hidden).tolist():
+            hidden.setdefault(m, set()).add(anchor.frame)
+            near = slice(max(anchor.frame - MEANWHILE, 0), anchor.frame + MEANWHILE + 1)
+            sure[near, m] = False
+            positions[near, m], confidence[near, m] = np.nan, 0.0
+    for m, places in clicks.items():
+        for frame, place in places.items():
+            positions[frame, m] = place
+    confidence = np.where(sure, np.maximum(confidence, DOUBTFUL), np.minimum(confidence, DOUBT))
+    for m, places in clicks.items():
+        confidence[list(places), m] = 1.0
+    cleaned = MarkerTrack(track.times, positions, confidence)
+    expected = expected_places(cleaned)
+    room = int(np.clip(np.nan_to_num(spacing(expected), nan=ROOM[1]), *ROOM))
+    gaps: list[_Gap] = []
+    for m, places in clicks.items():
+        certain = sure[:, m].copy()
+        certain[list(places)] = False
+        for first, last in sorted({_around(certain, frame) for frame in places}):
+            known = {frame: place for frame, place in places.items() if first <= frame <= last}
+            known |= {frame: positions[frame, m] for frame in (first - 1, last + 1) if 0 <= frame < len(sure)}
+            inside = frozenset(frame for frame in hidden.get(m, ()) if first <= frame <= last)
+            gaps.append(_Gap(m, first, last, known, inside, expected[:, m], room))
+    return cleaned, gaps
+
+
+def corrected(track: MarkerTrack, gaps: Sequence[_Gap]) -> MarkerTrack:
+    """The track with the markers as they were followed in gaps that have seen all of their pictures."""
+    positions, confidence = track.positions.copy(), track.confidence.copy()
+    for gap in gaps:
+        part = slice(gap.first, gap.last + 1)
+        positions[part, gap.marker], confidence[part, gap.marker] = gap.followed()
+    return MarkerTrack(track.times, positions, confidence)
+
+
+def _steady(places: Array, doubted: Mask, frame: int, most: float) -> NDArray[np.int64]:
+    """The doubted frames around one, up to where a marker's velocity changes by more than some way per frame [px]."""
+    found = [frame]
+    for step in (-1, 1):
+        t = frame + step
+        while 0 <= t < len(places) and doubted[t]:
+            before = t - 2 * step
+            last = places[t - step] - places[before] if frame != t - step and 0 <= before < len(places) else np.zeros(2)
+            if not np.hypot(*(places[t] - places[t - step] - last)) < most:
+                break
+            found.append(t)
+            t += step
+    return np.array(sorted(found))
+
+
+def _around(known: Mask, frame: int) -> tuple[int, int]:
+    """First and last of the frames around one that lie between two that are known."""
+    before, after = np.flatnonzero(known[:frame]), np.flatnonzero(known[frame + 1 :])
+    first = int(before[-1]) + 1 if len(before) else 0
+    return first, (frame + int(after[0]) if len(after) else len(known) - 1)
+
+
+def _runs(mask: Mask) -> list[tuple[int, int]]:
+    """First and last frames of what is true, over gaps of at most `GAP` frames."""
+    at = np.flatnonzero(mask)
+    parts = np.split(at, np.flatnonzero(np.diff(at) > GAP + 1) + 1)
+    return [(int(part[0]), int(part[-1])) for part in parts if len(part)]
+
+
+def _filled(positions: Array, known: Mask) -> Array:
+    """Positions with straight lines between known frames, and the nearest known one at the ends. Shape (T, M, 2)."""
+    out, frames = np.full(positions.shape, np.nan), np.arange(len(positions))
+    for m in np.flatnonzero(known.any(axis=0)).tolist():
+        at = np.flatnonzero(known[:, m])
+        for axis in range(2):
+            out[:, m, axis] = np.interp(frames, at, positions[at, m, axis])
+    return out
+
+
+def _apart(places: Array) -> Array:
+    """Usual distance of each two markers, infinite of a marker from itself or one never seen [px]. Shape (M, M)."""
+    sample = places[np.linspace(0, len(places) - 1, min(len(places), _SAMPLES)).astype(int)]
+    apart = np.median(np.linalg.norm(sample[:, :, None] - sample[:, None], axis=3), axis=0)
+    return np.where(np.eye(len(apart), dtype=bool) | np.isnan(apart), np.inf, apart)

@@ -1,0 +1,311 @@
+"""A tracker over a film: forward, backward from points in a later frame, and again around corrections."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import nullcontext
+from dataclasses import dataclass
+from itertools import chain
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from markertrack.corrections import corrected, find_stretches, gaps_to_correct
+from markertrack.overlay import TrackOverlay
+from markertrack.pages import MOST_STRETCHES, Cut, make_strips, write_review_page
+from markertrack.points import Anchor
+from markertrack.quality import DOUBTFUL
+from markertrack.span import Span
+from markertrack.track import MarkerTrack
+from markertrack.tracking.markers import MarkerTracker
+from markertrack.tracking.tracker import Tracker
+from markertrack.video import Frame, VideoReader, film_title, frames_backwards
+from swimbase.errors import TrackingError, TrialError
+
+Array = NDArray[np.float64]
+
+SMEARED = 0.4  # highest confidence in a picture that may be smeared: doubtful to `check_track`
+FIRST_LOOK = 2.0  # s after which is reported what can't be tracked
+OFTEN = 0.5  # share of these in which a marker is lost or doubtful, from which it is named
+MOST_NAMED = 6
+BLURRED, AROUND = 0.3, 20  # sharpness of the first picture, as a share of later ones', and px around markers it is of
+BLURRED_FRAME = "the frame in which the points were picked is blurred: pick them in a sharp one (`pick --from`)"
+SLACK = 30  # frames by which a file may have more than it says
+
+
+@dataclass(frozen=True)
+class FrameProgress:
+    """How far the tracking of a video is.
+
+    Attributes:
+        name: Name of the trial.
+        done: Number of frames that are tracked.
+        total: Number of frames in all, as the file states it; None if it doesn't.
+        lost: Number of markers that are lost in the newest frame.
+        note: A sentence that a person should read before the rest is tracked.
+    """
+
+    name: str
+    done: int
+    total: int | None
+    lost: int
+    note: str = ""
+
+
+@dataclass(frozen=True)
+class Film:
+    """What is tracked.
+
+    Attributes:
+        name: Name of the trial.
+        path: Path of the video.
+        span: Stretch of it.
+        names: Names of the markers.
+        bodies: Number of the rigid body that carries each.
+        threads: Number of threads that decode.
+        overlay: Path of the overlay video; None for none.
+        fps: Frames per second that the camera took; None as the film states it.
+    """
+
+    name: str
+    path: Path
+    span: Span
+    names: tuple[str, ...]
+    bodies: tuple[int, ...]
+    threads: int
+    overlay: Path | None
+    fps: float | None = None
+
+    def drawn(self, reader: VideoReader) -> TrackOverlay | nullcontext[None]:
+        """The overlay video, to be drawn."""
+        if self.overlay is None:
+            return nullcontext()
+        info = reader.info
+        rate = float(np.clip(info.fps, 0.1, 1e4))  # that a film can be written with; each frame has its own time
+        return TrackOverlay(self.overlay, info.width, info.height, rate, self.names)
+
+
+def follow(
+    film: Film, reader: VideoReader, first: Frame, frames: Iterator[Frame], start: Anchor, anchors: Sequence[Anchor],
+    make_tracker: Callable[[], Tracker], on_progress: Callable[[FrameProgress], None],
+) -> MarkerTrack:  # fmt: skip
+    """Tracks a film in pixels, its first frame at time 0, and draws the overlay.
+
+    Args:
+        film: What is tracked.
+        reader: Its frames, of which the first one is taken.
+        first: That frame.
+        frames: Those after it, to the end of the span.
+        start: Places of all markers in one of the frames.
+        anchors: Corrections.
+        make_tracker: Makes a tracker that has seen nothing.
+        on_progress: Called after every frame.
+
+    Raises:
+        TrackingError: The points or corrections aren't of these frames, or there is one frame only.
+    """
+    count = _count(reader, film.span)
+    if count is not None:  # as far as the file says
+        _check_frames(film, first.index, first.index + count + SLACK, (start, *anchors))
+    later = bool(anchors) or start.frame > first.index
+    with nullcontext() if later else film.drawn(reader) as overlay:
+        track = _forward(film, reader, chain([first], frames), start, make_tracker(), overlay, on_progress)
+    _check_frames(film, first.index, first.index + track.frame_count - 1, (start, *anchors))
+    if start.frame > first.index:
+        track = _backward(film, track, first.index, start, make_tracker())
+    if anchors:
+        said = [Anchor(anchor.frame - first.index, anchor.points, anchor.hidden) for anchor in anchors]
+        track, gaps = gaps_to_correct(track, said, film.bodies)
+        for frame in within(reader, film.span):
+            k = frame.index - first.index
+            for gap in gaps:
+                if gap.needs(k):  # other pictures aren't converted
+                    gap.see(k, frame.image)
+        track = corrected(track, gaps)
+    if later:
+        with film.drawn(reader) as overlay:
+            for k, frame in enumerate(within(reader, film.span) if overlay is not None else ()):
+                _draw(overlay, frame, reader.info.width, track.times[k], track.positions[k], track.confidence[k])
+    return track
+
+
+def _check_frames(film: Film, first: int, last: int, anchors: Sequence[Anchor]) -> None:
+    for anchor in anchors:
+        if not first <= anchor.frame <= last:
+            raise TrackingError(
+                f"a marker was picked in frame {anchor.frame} of video '{film.path}', of which frames {first} to "
+                f"{last} are tracked; begin or end there (--from, --until), or take that frame out of the file"
+            )
+
+
+def _forward(
+    film: Film, reader: VideoReader, frames: Iterable[Frame], start: Anchor, tracker: Tracker,
+    overlay: TrackOverlay | None, on_progress: Callable[[FrameProgress], None],
+) -> MarkerTrack:  # fmt: skip
+    """Tracks from the frame with the points on; markers are lost before."""
+    times: list[float] = []
+    positions: list[Array] = []
+    confidences: list[Array] = []
+    count, begin, looked = _count(reader, film.span), 0.0, False
+    picked: int | None = None
+    sharp = 0.0
+    for frame in frames:
+        begin = begin if times else frame.time
+        time = frame.time - begin
+        if frame.index < start.frame:
+            position, confidence = np.full_like(start.points, np.nan), np.zeros(len(start.points))
+        elif frame.index == start.frame:
+            position, confidence = tracker.start(frame.image, start.points, time)
+        else:
+            position, confidence = tracker.follow(frame.image, time)
+        if not frame.intact:  # predicted from a broken one: what it shows may be of another time
+            confidence = np.minimum(confidence, SMEARED)
+        times.append(time)
+        positions.append(position)
+        confidences.append(confidence)
+        _draw(overlay, frame, reader.info.width, time, position, confidence)
+        if frame.index == start.frame:
+            picked, sharp = len(times) - 1, _sharpness(frame.image, position)
+        note = ""
+        if picked is not None and not looked and time - times[picked] >= FIRST_LOOK:
+            blurred = sharp < BLURRED * _sharpness(frame.image, position)
+            looked, note = True, _first_look(film.names, np.array(confidences[picked:]), tracker, blurred)
+        on_progress(FrameProgress(film.name, len(times), count, int(np.count_nonzero(confidence <= 0)), note))
+    if len(times) < 2:
+        where = f" {film.span.words}" if film.span.words else ""
+        raise TrackingError(f"'{film.path}' has one frame only{where}; a trial needs at least 2")
+    return MarkerTrack(times, np.array(positions), np.array(confidences))
+
+
+def _backward(film: Film, track: MarkerTrack, first: int, start: Anchor, tracker: Tracker) -> MarkerTrack:
+    """The track with what comes before the frame with the points."""
+    positions, confidence = track.positions.copy(), track.confidence.copy()
+    begin = track.times[start.frame - first]
+    for frame in frames_backwards(film.path, first, start.frame, film.threads, film.fps):
+        k = frame.index - first
+        if frame.index == start.frame:
+            tracker.start(frame.image, start.points, 0.0)
+            continue
+        positions[k], sure = tracker.follow(frame.image, float(begin - track.times[k]))
+        confidence[k] = sure if frame.intact else np.minimum(sure, SMEARED)
+    return MarkerTrack(track.times, positions, confidence)
+
+
+def _draw(
+    overlay: TrackOverlay | None, frame: Frame, width: int, time: float, position: Array, confidence: Array
+) -> None:
+    if overlay is not None and overlay.wants(time, confidence):
+        small = frame.scaled(overlay.width)
+        overlay.add(small, overlay.width / width, time, position, confidence, detail=frame.image)
+
+
+def _sharpness(image: NDArray[np.uint8], places: Array) -> float:
+    """Median over the markers of the variance of the picture's Laplacian around each [levels²]. `places`: (M, 2) px."""
+    values: list[float] = []
+    for x, y in places[np.isfinite(places[:, 0])].astype(np.int64).clip(0).tolist():
+        part = image[max(y - AROUND, 0) : y + AROUND, max(x - AROUND, 0) : x + AROUND]
+        values.append(float(cv2.Laplacian(cv2.cvtColor(part, cv2.COLOR_RGB2GRAY), cv2.CV_64F).var()))
+    return float(np.median(values)) if values else 0.0
+
+
+def _first_look(names: Sequence[str], confidence: Array, tracker: Tracker, blurred: bool) -> str:
+    """What can't be tracked, why, and what would help; nothing where all is well. `confidence` has shape (T, M)."""
+    share = (confidence < DOUBTFUL).mean(axis=0)
+    bad: list[int] = [m for m in np.argsort(-share, kind="stable").tolist() if share[m] > OFTEN]
+    if not bad:
+        return ""
+    if blurred:
+        return f"{BLURRED_FRAME}; lost or doubtful since: {', '.join(names[m] for m in bad[:MOST_NAMED])}"
+    reasons = tracker.reasons if isinstance(tracker, MarkerTracker) else {}
+    named: list[str] = []
+    for m in bad[:MOST_NAMED]:
+        why = max(reasons, key=lambda reason: int(reasons[reason][m]), default="")
+        named.append(f"{names[m]} in {100 * share[m]:.0f} % of frames" + (f" ({why})" if why else ""))
+    more = f" and {len(bad) - MOST_NAMED} more" if len(bad) > MOST_NAMED else ""
+    return (
+        f"lost or doubtful in the first {FIRST_LOOK:g} s: {', '.join(named)}{more}; larger markers, more contrast, a "
+        f"shorter shutter or tags (--tracker aruco) would help; a few of them can be put right on the page of doubtful "
+        f"stretches (--corrections)"
+    )
+
+
+def within(reader: VideoReader, span: Span) -> Iterator[Frame]:
+    """The frames of a video within a stretch of it, one at least.
+
+    Raises:
+        TrialError: The stretch isn't within the video, as far as the file says how long it is, or holds no frame.
+    """
+    info, last, found = reader.info, 0.0, False
+    what = f"video '{info.path}'"
+    if info.duration is not None:  # before hours of film are decoded
+        span.check(info.duration, what)
+    for frame in reader:
+        last = frame.time
+        if span.after(last):
+            break
+        if not span.before(last):
+            found = True
+            yield frame
+    if not found:
+        span.check(last, what)
+        raise TrialError(f"{what} has no frame {span.words}; make the stretch longer")
+
+
+def _count(reader: VideoReader, span: Span) -> int | None:
+    """The number of frames in a stretch of a video, as far as the file says it."""
+    info = reader.info
+    if span.until is not None:
+        return round((span.until - span.begin) * info.fps) + 1
+    return None if info.frame_count is None else max(1, info.frame_count - round(span.begin * info.fps))
+
+
+def write_review(
+    video: Path, track: MarkerTrack, names: Sequence[str], path: Path, first_frame: int, command: str, *,
+    anchors: Sequence[Anchor] = (), threads: int = 0, fps: float | None = None,
+) -> Path | None:  # fmt: skip
+    """Writes a page that shows where a track is lost or doubtful, and takes a person's corrections.
+
+    The video is decoded once more, up to the last frame that is shown.
+
+    Args:
+        video: Path of the video.
+        track: Track of it in pixels.
+        names: Names of its markers.
+        path: Path of the page.
+        first_frame: Number in the video of the track's first frame.
+        command: How to go on with the file that the page lets a person download; shown there.
+        anchors: What was corrected before, which stays in the file.
+        threads: Number of threads that decode the video; 0 for as many as the machine has cores.
+        fps: Frames per second that the camera took; by default as the film states it.
+
+    Returns:
+        The path; None where nothing is doubtful, and no page is written.
+
+    Raises:
+        VideoError: The video can't be read.
+        TrackingError: The video isn't the track's, or the page can't be written.
+    """
+    stretches = find_stretches(track)
+    if not stretches:
+        return None
+    with VideoReader(video, threads, fps) as reader:
+        size = reader.info.width, reader.info.height
+        strips = make_strips(track, stretches[:MOST_STRETCHES], *size)
+        wanted: dict[int, list[Cut]] = {}
+        for cut in (cut for strip in strips for cut in strip.cuts):
+            wanted.setdefault(first_frame + cut.frame, []).append(cut)
+        for frame in reader:
+            for cut in wanted.pop(frame.index, ()):
+                cut.show(frame.image, frame.time)
+            if not wanted:
+                break
+    if wanted:
+        raise TrackingError(
+            f"video '{video}' has no frame {max(wanted)}, in which its track is; track it again to see what is doubtful"
+        )
+    return write_review_page(
+        path, film_title(video), names, *size, strips, first_frame=first_frame, command=command,
+        more=len(stretches) - len(strips), anchors=anchors,
+    )  # fmt: skip

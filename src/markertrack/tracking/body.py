@@ -1,0 +1,147 @@
+"""How one body moves in the picture: where its markers should be, how far off they may be, and what its shape is."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit  # pyright: ignore[reportMissingTypeStubs]
+from numpy.typing import NDArray
+
+from markertrack.tracking.rigid import pairs_of, rigid_fit
+from markertrack.tracking.tracker import Array
+
+STIFF = 0.1  # rad by which a body may turn in a frame without notice
+FORGET = 0.7  # of a surprise, in each frame
+MOST_DOUBT = 2000.0  # px, more than any picture is wide in which a marker is looked for
+AGAIN_FRAMES = 3  # that a body must be followed for after it was lost
+GIVING = 0.75  # quantile of the markers' ways from their places that tells that a body isn't rigid
+SHAPE_SHARE = 0.1  # of a length by which it may differ from the first frame's
+_BEND = 0.9  # of the last change of velocity that is expected again
+_FADE = 0.5  # of the velocity that is left in each frame in which a body isn't seen
+
+
+class Body:
+    """The markers of one rigid body.
+
+    Attributes:
+        markers: Their indices. Shape (M,).
+        fixed: Whether the body can't move, but for the camera that films it.
+        shape: Their places on the body, in the picture [px]. Shape (M, 2).
+        doubt: How far from the chosen labels others may lie that weren't refuted; 0 where these are certain [px].
+    """
+
+    def __init__(self, markers: NDArray[np.int64], fixed: bool, places: Array, time: float) -> None:
+        self.markers, self.fixed = markers, fixed
+        self.shape, self._first_shape = places.copy(), places.copy()
+        self.pairs = pairs_of(places)
+        self.give = 0.0  # by how much its shape was seen to change beyond what a rigid body's does [px]
+        self.doubt = 0.0
+        self.swing = 0.0  # how far it may have turned while nobody knows how [rad]
+        self.unseen = 0  # frames since it was seen last
+        self.followed = AGAIN_FRAMES  # frames since it was found
+        self.surprise = 0.0  # how far it was from where it was expected, lately [px]
+        self.history: list[tuple[float, Array]] = [(time, places)]
+
+    @property
+    def step(self) -> float:
+        """How far it moved between the last two frames in which it was seen [px/frame]."""
+        if len(self.history) < 2:
+            return 0.0
+        return distance(self.history[-1][1], self.history[-2][1])
+
+    @property
+    def bend(self) -> float:
+        """How much that step differs from the one before [px/frame]."""
+        if len(self.history) < 3:
+            return self.step
+        (_, first), (_, second), (_, third) = self.history
+        return distance(third - second, second - first)
+
+    @property
+    def turn(self) -> float:
+        """Angle by which it turned between the last two frames in which it was seen [rad]."""
+        if len(self.history) < 2:
+            return 0.0
+        ends = self.pairs[:1, 1], self.pairs[:1, 0]
+        ways = [places[ends[0]] - places[ends[1]] for _, places in self.history[-2:]]
+        return abs(
+            float(np.angle(np.exp(1j * np.diff([np.arctan2(way[:, 1], way[:, 0]) for way in ways], axis=0)).sum()))
+        )
+
+    def predicted(self, time: float) -> Array:
+        """Where its markers should be [px]. Shape (M, 2)."""
+        when, last = self.history[-1]
+        if self.fixed or len(self.history) < 2:
+            return last
+        before, earlier = self.history[-2]
+        span = (time - when) / (when - before)
+        step = last - earlier
+        if self.unseen:  # it slows down, as far as anybody knows
+            frames = self.unseen + 1
+            return rigid_fit(self.shape, last + step * span / frames * (1 - _FADE**frames) / (1 - _FADE))
+        places = last + step * span
+        if len(self.history) > 2:
+            oldest, first = self.history[-3]
+            change = step - (earlier - first) * ((when - before) / (before - oldest))
+            places = places + _BEND * change * span * (span + 1) / 2
+        return rigid_fit(self.shape, places)
+
+    def spread(self, radius: float) -> float:
+        """How far it may easily be from where it is expected, if its last labels are right [px]."""
+        still = 1.0 + 0.25 * radius
+        return still if self.fixed else still + 0.25 * self.bend + 1.2 * self.surprise
+
+    def follow(self, places: Array, time: float) -> None:
+        """Takes in where its markers are seen, NaN where they aren't [px]. Shape (M, 2)."""
+        self.unseen = 0
+        self.followed += 1
+        if self.fixed:  # it moves with the camera
+            self.history = [(time, rigid_fit(self.history[-1][1], places))]
+            return
+        expected = self.predicted(time)
+        moved = rigid_fit(expected, places)  # one marker alone doesn't tell how it is turned
+        self.surprise = max(FORGET * self.surprise, distance(moved, expected))
+        self.history = [*self.history, (time, rigid_fit(self.shape, moved))][-3:]
+
+    def begin(self, places: Array, time: float, surprise: float) -> None:
+        """Takes in that it is somewhere else than expected, and how far it may be from there in the next frame."""
+        self.unseen = self.followed = 0
+        self.surprise = surprise
+        self.history = [(time, rigid_fit(self.shape, rigid_fit(self.history[-1][1], places)))]
+
+    def lose(self, way: float) -> None:
+        """Takes in that it isn't seen, while it may go some way [px]."""
+        self.unseen += 1
+        self.followed = 0
+        self.surprise *= FORGET
+        if not self.fixed:
+            self.doubt = min(self.doubt + way, MOST_DOUBT)
+            self.swing += STIFF + self.turn
+
+    def adapt(self, places: Array, rate: float, firm: float) -> None:
+        """Lets the shape follow what is seen: slowly and as far as perspective may change it, or at once if it is soft.
+
+        Args:
+            places: Where its markers are seen without a doubt, NaN where they aren't [px]. Shape (M, 2).
+            rate: Share of a change that is taken in.
+            firm: By how much half of the markers may be beside their places on a body that is rigid [px].
+        """
+        known = np.isfinite(places[:, 0])
+        if known.sum() < 3:
+            return
+        back = rigid_fit(places[known], self.shape[known])
+        beside = np.linalg.norm(back - self.shape[known], axis=1)
+        off, most = np.quantile(beside, [0.5, GIVING]).tolist()
+        if most > firm:
+            self.give += most
+        shape = self.shape.copy()
+        shape[known] += max(rate, min(off / firm, 1.0)) * (back - shape[known])
+        extent = np.linalg.norm(self._first_shape - self._first_shape.mean(axis=0), axis=1, keepdims=True)
+        limit = SHAPE_SHARE * extent + 0.5 + self.give
+        change = shape - self._first_shape
+        self.shape = self._first_shape + change * np.minimum(1.0, limit / np.maximum(np.abs(change), 1e-9))
+
+
+@njit(cache=True, nogil=True)
+def distance(here: Array, there: Array) -> float:
+    """Root mean square distance of markers [px]."""
+    return float(np.sqrt(((here - there) ** 2).sum() / len(here)))

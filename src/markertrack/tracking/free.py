@@ -1,0 +1,366 @@
+"""Tracks markers that nothing connects: dots on a person or a balloon, balls, pucks, lamps, one on a pendulum.
+
+Each is carried on by the flow of its points, and put right by a second opinion: a spot that looks like it
+(`looks`), a spot of whatever color it has now, or its picture. Flow alone is doubtful, so is one that was
+lost and found again, until it was seen where it was expected from one frame to the next.
+
+Flow is OpenCV's, by Lucas and Kanade: every point is followed there and back. The half of them that comes back closest
+to where it began tells the marker's step and by how much it grew (Kalal, Mikolajczyk, Matas: Forward-backward error,
+ICPR 2010).
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
+
+from markertrack.tracking.looks import LIKE, Looks, squares
+from markertrack.tracking.spots import Spots
+from markertrack.tracking.tracker import DOUBT, REASONS, Array, Image, Mask, check_order, inside
+
+CERTAIN, RIGHT, LIKELY = 1.0, 0.9, 0.8  # confidence by spot, own spot, spot elsewhere
+MOST_OFF = 1.0, 0.1  # px, or radii, by which a marker's points may disagree
+NEAR = 0.6, 2.0  # radii and px from where it was carried within which its spot lies
+FAR, MOST_FAR = 1.5, 8.0  # radii within which one is looked for that wasn't carried, besides how it may have moved
+SMALL = 5.0  # px radius, below which a picture tells the place of a marker better than flow does
+SOON = 10  # frames after which a marker that was lost is only believed to be found again if it can't be another
+CARRIED = 8  # frames for which flow alone is followed
+AGAIN, LATE = 2, 5  # frames that a marker must be seen in one after the other, after it was lost, and for long
+CLEAR = 0.65  # likeness of a spot, below which it is measured anew in its colors of now
+REPEATED = 0.02  # px that nothing moves by in a picture that repeats the last one
+SAME, SURELY = 0.75, 0.85  # correlation with its picture where it was carried to, and elsewhere
+RATIO = 0.5  # of the distance to another marker or spot that may be meant as well
+AHEAD = 0.5  # of its step by which a marker may be beside where it is expected
+SLOWER = 0.5, 0.9  # of the speed in each frame in which it isn't seen, and of the largest one
+APART = 0.5  # of the sum of two markers' radii
+BLURRED = 0.7  # radii by which a spot may be longer than its motion tells
+
+ACROSS = 7  # points on a marker's diameter
+RIM = 1.1  # radii around its center in which its points lie
+DETAIL = 10.0  # px radius up to which markers are looked at in full detail; larger ones in pictures of half the size
+WINDOWS = 9, 13, 21  # px sides of the windows that are compared, for radii of up to half as much and above
+LEVELS, ROUNDS, CLOSE = 3, 20, 0.03  # of the pyramid, and when an estimate is done
+MOST_GROWTH = 1.1  # by which a marker may grow or shrink in a frame
+NOWHERE = 1e3  # px: of a point that can't be followed
+STILL = 1.0  # px/frame, below which its last step tells nothing about the next one
+
+Picture = NDArray[np.uint8]
+
+
+class FreeTracker:
+    """Follows markers that move by themselves. See `tracker.Tracker`.
+
+    Attributes:
+        radii: Radius of each marker as it is now [px]. Shape (M,).
+        reasons: In how many frames each marker was lost or doubtful, by the reason. Shapes (M,).
+    """
+
+    def start(self, image: Image, points: Array, time: float) -> tuple[Array, Array]:
+        """Learns what the markers look like."""
+        looks = Looks(image, points)
+        self.take_over(image, looks, looks.points, np.ones(len(points), dtype=bool), time)
+        return looks.points.copy(), np.ones(len(points))
+
+    def take_over(self, image: Image, looks: Looks, places: Array, certain: Mask, time: float) -> None:
+        """Follows markers from a frame on in which somebody else saw them.
+
+        Args:
+            image: RGB. Shape (H, W, 3).
+            looks: What they look like.
+            places: Where they are [px]. Shape (M, 2).
+            certain: Whether that is known, or merely expected. Shape (M,).
+            time: Time stamp [s].
+        """
+        count = len(places)
+        self._looks, self._flow = looks, _Flow(image)
+        self._places, self._last, self.radii = places.copy(), places.copy(), looks.radii
+        self._steps, self._fastest = np.zeros((count, 2)), np.zeros(count)
+        self._doubtful = np.where(certain, 0, 1)  # frames since it was certain
+        self._jumped = ~certain  # whether it was found elsewhere than expected since then
+        self._lost = ~certain  # whether flow didn't carry it on since it was certain
+        self._agreed = np.where(certain, AGAIN, 0)  # frames in which it was seen, one after the other
+        self._time = time
+        self.reasons = {reason: np.zeros(count, dtype=np.int64) for reason in REASONS}
+
+    def follow(self, image: Image, time: float) -> tuple[Array, Array]:
+        """Finds the markers in the next frame."""
+        check_order(time, self._time)
+        self._time = time
+        moves = self._flow.follow(image, self._places, self.radii, self._steps)
+        carried = moves.errors < np.maximum(MOST_OFF[0], MOST_OFF[1] * self.radii)
+        carried &= (self._agreed > 0) | (self._doubtful <= CARRIED)
+        carried &= inside(self._places + moves.steps, image)
+        expected = self._places + np.where(carried[:, None], moves.steps, self._steps)
+        self._looks.grow(np.where(carried, moves.growths, 1.0))
+        found = self._spots(image, expected, carried, moves)
+        positions, confidence = self._seen(image, expected, carried, found)
+        lost = self._doubles(positions, confidence)
+        positions[lost], confidence[lost], found.chosen[lost] = np.nan, 0.0, -1
+        self._agreed = np.where(confidence > DOUBT, self._agreed + 1, 0)
+        sure = self._agreed >= np.where(self._doubtful <= SOON, AGAIN, LATE)
+        off = np.linalg.norm(positions - expected, axis=1)
+        near = NEAR[0] * self.radii + NEAR[1] + AHEAD * np.hypot(*self._steps.T)
+        self._jumped |= self._lost & ((self._doubtful > SOON) | ((confidence > DOUBT) & ~(off < near)))
+        settled = sure & ~self._jumped
+        for marker in np.flatnonzero(sure & self._jumped).tolist():
+            sure[marker] = self._only(image, marker, positions, settled)
+        self._count(positions, sure, found.alone)
+        self._take(positions, confidence > DOUBT, sure, moves, carried, np.array(image.shape[1::-1]) - 1)
+        certain = np.flatnonzero(sure & (found.chosen >= 0))
+        self._looks.learn(image, found.spots, certain, found.chosen[certain], np.zeros((len(certain), 2)))
+        self.radii = self._looks.radii
+        return positions, np.where(sure, confidence, np.minimum(confidence, DOUBT))
+
+    def _spots(self, image: Image, expected: Array, carried: Mask, moves: _Moves) -> _Found:
+        """The spots that look like the markers where they are looked for."""
+        speed = np.maximum(self._fastest, np.hypot(*self._steps.T))
+        far = np.minimum(FAR * self.radii + speed * (1 + self._doubtful), MOST_FAR * self.radii + speed)
+        reach = np.where(carried, NEAR[0] * self.radii + NEAR[1], far)
+        spots, of = self._measured(image, squares(expected, reach + 0.5 * self.radii), carried)
+        chosen, alone = np.full(len(expected), -1), np.ones(len(expected), dtype=bool)
+        if not len(spots):
+            return _Found(spots, chosen, np.zeros(len(expected)), alone, reach)
+        like = self._looks.likeness(spots, self._places, np.hypot(*moves.steps.T), BLURRED * self.radii)
+        away = np.linalg.norm(spots.centers - expected[:, None], axis=2)
+        possible = (like > LIKE) & (away < reach[:, None]) & (of == np.arange(len(expected))[:, None])
+        cost = np.where(possible, away / reach[:, None] + 1 - like, 1e3)
+        apart = np.linalg.norm(spots.centers[:, None] - spots.centers, axis=2) > APART * self.radii[of]
+        first = apart.argmin(axis=1)  # of those that are the same one, as another marker sees it
+        shared = np.array([np.where(first == one, cost, 1e3).min(axis=1) for one in range(len(spots))]).T
+        rows, columns = linear_sum_assignment(shared)
+        for marker, one in zip(rows, columns, strict=True):
+            if shared[marker, one] < 1e3:
+                chosen[marker] = np.where(first == one, cost[marker], 1e3).argmin()
+        for marker in np.flatnonzero(chosen >= 0):
+            spot, off = chosen[marker], away[marker, chosen[marker]]
+            same = np.linalg.norm(spots.centers - spots.centers[spot], axis=1) < self.radii[marker]
+            taken = np.linalg.norm(spots.centers[:, None] - spots.centers[chosen[chosen >= 0]], axis=2)
+            free = possible[marker] & (taken.min(axis=1) > self.radii[marker])
+            rivals = (possible & same).any(axis=1) & ~carried & (np.arange(len(away)) != marker)
+            others = np.concatenate([away[marker, free], away[rivals][:, spot]])
+            alone[marker] = off < RATIO * others.min(initial=np.inf)
+        chosen[carried & ~alone] = -1
+        like = np.where(chosen >= 0, like[np.arange(len(like)), chosen], 0.0)
+        return _Found(spots, chosen, like, alone, reach)
+
+    def _measured(self, image: Image, boxes: NDArray[np.int64], joint: Mask) -> tuple[Spots, NDArray[np.int64]]:
+        """The spots in each marker's box, and the marker that each was found for.
+
+        They are measured by its own colors. Of some, those whose boxes overlap are looked for together.
+        """
+        first, last = boxes[:, None, :2], boxes[:, None, 2:]
+        touching = ((first < boxes[:, 2:]) & (last > boxes[:, :2])).all(axis=2) & joint & joint[:, None]
+        np.fill_diagonal(touching, True)
+        found = [self._looks.find(image, np.where(one[:, None], boxes, 0)) for one in touching]
+        of = np.repeat(np.arange(len(boxes)), [len(spots) for spots in found])
+        return Spots(*(np.concatenate([vars(one)[name] for one in found]) for name in vars(found[0]))), of
+
+    def _seen(self, image: Image, expected: Array, carried: Mask, found: _Found) -> tuple[Array, Array]:
+        """Positions and confidence by the best opinion on each marker."""
+        positions, confidence = np.full_like(expected, np.nan), np.zeros(len(expected))
+        chosen, soon = found.chosen, self._doubtful <= SOON
+        for m in range(len(expected)):
+            place = found.spots.centers[chosen[m]] if chosen[m] >= 0 else expected[m]
+            if carried[m] and not self._lost[m] and found.like[m] < CLEAR:
+                again = self._looks.pick_again(image, m, expected[m])
+                if again is not None:
+                    positions[m], confidence[m], chosen[m] = again, RIGHT, -1
+                    continue
+            if carried[m] and chosen[m] >= 0:
+                positions[m], confidence[m] = place, CERTAIN
+                continue
+            reach = NEAR[0] * self.radii[m] + 1 if carried[m] else 1.5 if chosen[m] >= 0 else found.reach[m]
+            peak, score, only = self._picture(image, m, place, reach)
+            if carried[m] and not self._lost[m] and score > SAME:
+                positions[m], confidence[m] = peak if self.radii[m] < SMALL else place, RIGHT
+                if score < SURELY:
+                    self._looks.learn_picture(image, m, place)
+            elif chosen[m] >= 0:
+                near = np.hypot(*(place - expected[m])) < NEAR[0] * self.radii[m] + NEAR[1]
+                whole = near or found.like[m] > CLEAR  # and not a part of one that is blurred
+                positions[m], confidence[m] = place, LIKELY if score > SAME and found.alone[m] and whole else DOUBT
+            elif score > SURELY:
+                again = self._looks.pick_again(image, m, peak) if soon[m] and only else None
+                positions[m], confidence[m] = (peak, DOUBT) if again is None else (again, LIKELY)
+            elif carried[m]:
+                positions[m], confidence[m] = place, DOUBT
+        return positions, confidence
+
+    def _only(self, image: Image, marker: int, positions: Array, sure: Mask) -> bool:
+        """Whether nothing else is like a marker that was lost for long, nor another like what was found of it."""
+        here, far = positions[marker], FAR * self.radii + self._fastest * self._doubtful
+        away = np.linalg.norm(here - self._last, axis=1)
+        reach = max(far[marker] + self.radii[marker], away[marker] / RATIO)
+        this = np.arange(len(far)) == marker
+        late = self._doubtful[marker] > SOON
+        others = ~sure & ~this & (away < far) & late
+        boxes = np.where(others[:, None], squares(here + np.zeros_like(self._last), self.radii), 0)
+        boxes[marker] = squares(self._last[[marker]], reach)[0]
+        spots, of = self._measured(image, boxes, np.zeros(len(far), dtype=bool))
+        like = self._looks.likeness(spots, self._last, np.zeros(len(far)), BLURRED * self.radii)
+        like = like[of, np.arange(len(spots))] > LIKE
+        held = np.linalg.norm(spots.centers[:, None] - positions[sure | this], axis=2) < self.radii[sure | this]
+        return not (like & ((of != marker) | ~held.any(axis=1))).any()
+
+    def _picture(self, image: Image, marker: int, place: Array, reach: float) -> tuple[Array, float, bool]:
+        """Where it looks most like a marker near a place (2,), how much it does, and whether only there."""
+        if not inside(place, image):
+            return place, 0.0, False
+        found = self._looks.find_pictures(image, np.array([marker]), place[None], np.array([reach]))
+        if not len(found):
+            return place, 0.0, False
+        best = int(found.fills.argmax())
+        return found.centers[best], float(found.fills[best]), len(found) == 1
+
+    def _doubles(self, positions: Array, confidence: Array) -> Mask:
+        """Markers at another's place, which is the more certain of the two; of two equal ones, both."""
+        confidence = confidence + (self._doubtful == 0)
+        near = np.linalg.norm(positions[:, None] - positions, axis=2) < APART * (self.radii[:, None] + self.radii)
+        np.fill_diagonal(near, False)
+        return (near & (confidence[:, None] <= confidence)).any(axis=1)
+
+    def _count(self, positions: Array, sure: Mask, alone: Mask) -> None:
+        seen = np.isfinite(positions[:, 0])
+        for reason, why in zip(REASONS, (~seen, seen & ~alone, seen & alone), strict=True):
+            self.reasons[reason] += ~sure & why
+
+    def _take(self, positions: Array, good: Mask, known: Mask, moves: _Moves, carried: Mask, size: Array) -> None:
+        """Takes in where the markers were seen, and how they moved."""
+        seen = np.isfinite(positions[:, 0]) & (good | carried)
+        slower = SLOWER[0] * self._steps
+        if (np.abs(moves.steps) > REPEATED).any():
+            steps = np.where(carried[:, None], moves.steps, slower)
+            self._steps = np.where((self._agreed > 1)[:, None], positions - self._places, steps)
+        self._places = np.where(seen[:, None], positions, np.clip(self._places + slower, 0, size))
+        self._doubtful = np.where(known, 0, self._doubtful + 1)
+        self._lost = ~known & (self._lost | ~carried)
+        self._jumped &= ~known
+        self._last = np.where(known[:, None], positions, self._last)
+        fastest = np.maximum(SLOWER[1] * self._fastest, np.hypot(*self._steps.T))
+        self._fastest = np.where(known, fastest, self._fastest)
+
+
+class _Found(NamedTuple):
+    """Spots that look like the markers.
+
+    Attributes:
+        spots: What was found.
+        chosen: That of each marker, or -1. Shape (M,).
+        like: How much it looks like it. Shape (M,).
+        alone: Whether it can't be another's. Shape (M,).
+        reach: How far from where it was expected each was looked for [px]. Shape (M,).
+    """
+
+    spots: Spots
+    chosen: NDArray[np.int64]
+    like: Array
+    alone: Mask
+    reach: Array
+
+
+class _Moves(NamedTuple):
+    """How markers moved.
+
+    Attributes:
+        steps: Way of each [px]. Shape (M, 2).
+        growths: By how much each has grown. Shape (M,).
+        errors: By how much its points disagree, there and back and with one another; inf if none was followed [px].
+            Shape (M,).
+    """
+
+    steps: Array
+    growths: Array
+    errors: Array
+
+
+class _Flow:
+    """Follows the markers from the last picture to the next."""
+
+    def __init__(self, image: Image) -> None:
+        self._last = {1: _gray(image)}
+        across = np.linspace(-RIM, RIM, ACROSS)
+        grid = np.stack(np.meshgrid(across, across), axis=-1).reshape(-1, 2)
+        self._disc = grid[np.hypot(*grid.T) <= RIM]
+
+    def follow(self, image: Image, places: Array, radii: Array, steps: Array) -> _Moves:
+        """Takes the next picture.
+
+        Args:
+            image: RGB. Shape (H, W, 3).
+            places: Where the markers were in the last one [px]. Shape (M, 2).
+            radii: Their radii [px]. Shape (M,).
+            steps: How they may have moved; standing still is tried as well [px]. Shape (M, 2).
+        """
+        now = {1: _gray(image)}
+        best = _Moves(np.zeros_like(places), np.ones(len(places)), np.full(len(places), np.inf))
+        shares = 2 ** np.maximum(np.ceil(np.log2(radii / DETAIL)), 0).astype(np.int64)
+        for share in np.unique(shares).tolist():
+            for pictures in (self._last, now):
+                if share not in pictures:
+                    pictures[share] = _smaller(pictures[1], share)
+            of = np.flatnonzero(shares == share)
+            self._improve(best, now, share, of, places, radii, np.zeros_like(places))
+            moving = of[np.hypot(*steps[of].T) > STILL]
+            if len(moving):
+                self._improve(best, now, share, moving, places, radii, steps)
+        self._last = now
+        return best
+
+    def _improve(
+        self, best: _Moves, now: dict[int, Picture], share: int, of: NDArray[np.int64], places: Array, radii: Array,
+        guesses: Array,
+    ) -> None:  # fmt: skip
+        """Puts in what is better than the moves that are known, by pictures of a share of the size."""
+        shift = (share - 1) / 2  # between the centers of the pixels
+        window = WINDOWS[int(np.searchsorted(WINDOWS[:-1], 2 * radii[of].max() / share))]
+        points = ((places[of, None] + radii[of, None, None] * self._disc - shift) / share).astype(np.float32)
+        guess = (guesses[of, None] / share).astype(np.float32)
+        first, second = self._last[share], now[share]
+        there, seen = _flow(first, second, points, points + guess, window)
+        back, again = _flow(second, first, there, there - guess, window)
+        off = np.where(seen & again, share * np.linalg.norm(back - points, axis=2), NOWHERE)
+        points, there = share * points + shift, share * there + shift
+        for marker, before, after, errors in zip(of.tolist(), points, there, off, strict=True):
+            middle = float(np.median(errors))
+            if middle >= NOWHERE:
+                continue
+            good = errors <= middle
+            step, growth, spread = _median_move(before[good], after[good], places[marker])
+            if middle + spread < best.errors[marker]:
+                best.steps[marker], best.growths[marker], best.errors[marker] = step, growth, middle + spread
+
+
+def _gray(image: Image) -> Picture:
+    return np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), dtype=np.uint8)
+
+
+def _smaller(picture: Picture, share: int) -> Picture:
+    smaller = cv2.resize(picture, None, fx=1 / share, fy=1 / share, interpolation=cv2.INTER_AREA)
+    return np.asarray(smaller, dtype=np.uint8)
+
+
+def _flow(
+    first: Picture, second: Picture, points: NDArray[np.float32], guesses: NDArray[np.float32], window: int
+) -> tuple[NDArray[np.float32], Mask]:
+    """Where points (K, N, 2) of the first picture are in the second, and which of them were found (K, N)."""
+    found, status, _ = cv2.calcOpticalFlowPyrLK(
+        first, second, points.reshape(-1, 1, 2), guesses.reshape(-1, 1, 2), winSize=(window, window), maxLevel=LEVELS,
+        criteria=(cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, ROUNDS, CLOSE), flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
+    )  # fmt: skip
+    return np.asarray(found, dtype=np.float32).reshape(points.shape), status.reshape(points.shape[:2]) > 0
+
+
+def _median_move(before: Array, after: Array, place: Array) -> tuple[Array, float, float]:
+    """Median step (2,) and growth of points (N, 2), and how far their median one is off it [px]."""
+    steps = after - before
+    step = np.median(steps, axis=0)
+    first, second = np.triu_indices(len(before), 1)
+    lengths = np.linalg.norm(before[first] - before[second], axis=1)
+    growth = np.median(np.linalg.norm(after[first] - after[second], axis=1) / np.maximum(lengths, 1e-6))
+    growth = float(np.clip(growth, 1 / MOST_GROWTH, MOST_GROWTH))
+    off = np.linalg.norm(steps - step - (growth - 1) * (before - place), axis=1)
+    return step, growth, float(np.median(off))

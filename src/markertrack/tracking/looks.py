@@ -1,0 +1,344 @@
+"""What each marker looks like: its own colors, area and shape, learned where it was picked and followed as they change.
+
+A marker is compared with itself only: markers may differ from one another, be out of round, have a hub or a highlight.
+One that its color doesn't tell from what is around it is known by its picture (`patches`).
+"""
+
+from __future__ import annotations
+
+from copy import copy
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from markertrack.tracking.appearance import own_radii
+from markertrack.tracking.labeling import find_blobs
+from markertrack.tracking.opencv import dictionary_at
+from markertrack.tracking.patches import Patches
+from markertrack.tracking.spots import SpotFinder, Spots, streak_lengths
+from markertrack.tracking.tracker import Array, Image, Mask, check_points
+from swimbase.errors import TrackingError
+
+OWN_AREAS = (0.4, 2.4)  # of a disc of a marker's radius, within which a spot at its point is the marker
+CLICK_SHARE = 0.7  # of the radius by which a point may be beside the spot's center
+LONGEST = 3.0  # ratio of the axes of a marker
+PICTURE_RADIUS = 12.0  # px of a marker that is known by its picture, if there is room
+LEAST_DETAIL = 8.0  # levels of standard deviation within a picture's radius, above the noise of a camera
+BESIDE = 5.0  # radii within which a spot that wasn't clicked is named
+MOST_STREAK = 1.3  # of a marker's step, with a shutter that is always open and a speed that changes
+LIKE = 0.5  # likeness of a spot, below which the marker is looked for by its picture
+SAME = 0.85  # correlation of a marker that looks as before
+GROWTH = 0.1  # of a change of a marker's area that is taken in, in each frame
+SHAPE_RATE = 0.03  # of a change of its shape, likewise
+SHARP = 0.25  # radii of a streak, up to which a marker is taken for sharp
+SOFT = 1.0  # px² by which blur spreads a spot
+SCALES = 1.0, 0.7, 1.4  # of the radius that is tried
+ROOMS = 1.5, 1.2, 2.7  # radii around a point, to each side, that its spot may fill
+LEAST_SOLIDITY = 0.9  # of a marker's spot: less has a part of something else
+RING_SHARE, RING_UNEVEN, LEAST_RING = 0.15, 0.15, 0.6  # of a radius beside the point, of the variance, and solidity
+SOLIDER = 0.08  # by which the solidity of a spot in any color must be the better one
+SOLID_AGAIN, MOST_CHANGE = 0.85, 1.4  # solidity and change of the area of a spot that is picked again
+BESIDE_AGAIN = 0.4  # radii by which it may be beside the place
+LEAST_MANY = 8.0  # px radius from which a marker may have several colors
+ROUNDS = 2  # of learning colors and radius from a marker's own spot
+
+
+class Looks:
+    """Looks of all markers.
+
+    Attributes:
+        points: Centers in the first frame [px]. Shape (M, 2).
+        plain: Whether each is told by its color. Shape (M,).
+    """
+
+    def __init__(self, image: Image, points: Array) -> None:
+        """Learns from the first frame.
+
+        Args:
+            image: RGB. Shape (H, W, 3).
+            points: Near the markers' centers [px]. Shape (M, 2).
+
+        Raises:
+            TrackingError: A point isn't in the frame; there are tags, or spots beside the points; or a picture of what
+                is there has no detail.
+        """
+        check_points(image, points)
+        self.points, radii = points.copy(), own_radii(image, points)
+        own, glossy = _Own.none(points), np.zeros(len(points), dtype=bool)
+        for _ in range(ROUNDS):
+            own, glossy = _Own.none(self.points), np.zeros(len(points), dtype=bool)
+            for scale, many, room in product(SCALES, (False, True), ROOMS):
+                if scale != SCALES[0] and (own.solidity > LEAST_SOLIDITY).mean() > 0.5:
+                    break
+                finder = SpotFinder(image, self.points, scale * radii, np.full(len(points), many))
+                other = _own(finder, image, points, scale * radii, room)
+                better = other.solidity > own.solidity + SOLIDER
+                better |= (other.solidity > LEAST_SOLIDITY) & (own.solidity <= LEAST_SOLIDITY)
+                glossy, own = np.where(better, many, glossy), own.where(better, other)
+            self.plain = own.solidity > LEAST_SOLIDITY
+            self.points = np.where(self.plain[:, None], own.centers, points)
+            radii[self.plain] = np.sqrt(own.areas[self.plain] / np.pi)
+        self._finder = SpotFinder(image, self.points, radii, glossy)
+        if not self.plain.all():
+            _check_the_rest(image, self.points, ~self.plain)
+            radii[~self.plain] = np.median(radii[self.plain]) if self.plain.any() else PICTURE_RADIUS
+            self._finder.radii, self._finder.kinds[~self.plain] = radii, -1
+        self._areas = np.pi * radii**2
+        disc = np.column_stack([radii**2 / 4, np.zeros(len(points)), radii**2 / 4])
+        self._moments = np.where(self.plain[:, None], own.moments, disc)
+        self._patches = Patches(image, self.points, radii, _contrasts(image, self.points, radii, self.plain))
+
+    def of(self, markers: NDArray[np.int64]) -> Looks:
+        """The looks of some of the markers, which are followed apart from the others from now on."""
+        some = copy(self)
+        some.points, some.plain = self.points[markers], self.plain[markers]
+        some._areas, some._moments = self._areas[markers], self._moments[markers]
+        some._finder, some._patches = self._finder.of(markers), self._patches.of(markers)
+        return some
+
+    @property
+    def radii(self) -> Array:
+        """Radius of each marker as it is now [px]. Shape (M,)."""
+        return np.sqrt(self._areas / np.pi)
+
+    def find(self, image: Image, boxes: NDArray[np.int64]) -> Spots:
+        """The spots of the markers' colors in or at their boxes (M, 4): left, top, right, bottom [px]."""
+        return self._finder.find(image, np.where(self.plain[:, None], boxes, 0))
+
+    def find_pictures(self, image: Image, markers: NDArray[np.int64], places: Array, reaches: Array) -> Spots:
+        """What looks like some markers' pictures near where they are expected.
+
+        Args:
+            image: RGB. Shape (H, W, 3).
+            markers: Their indices. Shape (K,).
+            places: Where they are expected [px]. Shape (K, 2).
+            reaches: How far away from there they may be [px]. Shape (K,).
+        """
+        rows = [
+            (peak.x, peak.y, peak.score, marker)
+            for marker, place, reach in zip(markers.tolist(), places, reaches.tolist(), strict=True)
+            for peak in self._patches.find(image, marker, place, reach)
+        ]
+        table = np.array(rows).reshape(-1, 4)
+        of = table[:, 3].astype(np.int64)
+        return Spots(table[:, :2], self._areas[of], self._moments[of], table[:, 2], len(self._finder.radii) + of)
+
+    def grow(self, factors: Array) -> None:
+        """Takes in by how much the markers have grown. Shape (M,)."""
+        self._areas = self._areas * factors**2
+        self._patches.grow(factors)
+        self._moments = self._moments * (factors**2)[:, None]
+        self._finder.radii = np.where(self.plain, self.radii, self._finder.radii)
+
+    def pick_again(self, image: Image, marker: int, place: Array) -> Array | None:
+        """The center (2,) of the spot of about a marker's size at a place (2,), whatever its color is now.
+
+        The marker has the spot's look from then on. None if there is no such spot.
+        """
+        radius = self.radii[marker : marker + 1]
+        for many in (False, True) if radius[0] >= LEAST_MANY else (False,):
+            finder = SpotFinder(image, place[None], radius, np.array([many]))
+            own = _own(finder, image, place[None], radius, ROOMS[0])
+            share, beside = float(own.areas[0] / self._areas[marker]), float(np.hypot(*(own.centers[0] - place)))
+            if own.solidity[0] < SOLID_AGAIN or not 1 / MOST_CHANGE < share < MOST_CHANGE:
+                continue
+            if beside < BESIDE_AGAIN * radius[0] + 0.5:
+                self._take_look(finder, own, marker, share, many)
+                return own.centers[0]
+        return None
+
+    def _take_look(self, finder: SpotFinder, own: _Own, marker: int, share: float, many: bool) -> None:
+        ours = self._finder
+        if not self.plain[marker]:
+            self.plain[marker], ours.glossy[marker], ours.kinds[marker] = True, many, ours.kinds.max() + 1
+        if many == ours.glossy[marker]:
+            ours.markers[marker], ours.around[marker] = finder.markers[0], finder.around[0]
+        self._areas[marker] *= 1 + GROWTH * (share - 1)
+        self._moments[marker] += GROWTH * (own.moments[0] - self._moments[marker])
+
+    def added(self, spots: Spots, looks: Array, pictures: Spots) -> Spots:
+        """The spots, and what markers' pictures look like where there is no spot that is like the marker (M, P)."""
+        of = pictures.kinds - len(self._areas)
+        near = np.linalg.norm(pictures.centers[:, None] - spots.centers, axis=2) < self.radii[of][:, None]
+        new = ~(near & (looks[of] > LIKE)).any(axis=1)
+        return Spots(*(np.concatenate([vars(spots)[name], vars(pictures)[name][new]]) for name in vars(spots)))
+
+    def likeness(self, spots: Spots, last: Array, steps: Array, slack: Array) -> Array:
+        """How much each spot looks like each marker, from 0 to 1, and -1 where it is of another kind.
+
+        Of a marker that is known by its picture now, a spot of its color that is little like it is none.
+
+        Args:
+            spots: Spots of a picture.
+            last: Where each marker was last [px]. Shape (M, 2).
+            steps: How far it moved then in a frame [px]. Shape (M,).
+            slack: By how much its streak may be longer than it moves [px]. Shape (M,).
+
+        Returns:
+            Likeness. Shape (M, P).
+        """
+        count = len(self._areas)
+        if not len(spots):
+            return np.empty((count, 0))
+        sizes = np.abs(np.log2(np.maximum(spots.areas / self._areas[:, None], 1e-3)))
+        moved = np.linalg.norm(spots.centers - last[:, None], axis=2)
+        explained = MOST_STREAK * np.maximum(moved, steps[:, None]) + slack[:, None]
+        excess = streak_lengths(spots.moments - self._moments[:, None]) - explained
+        looks = np.clip(1.5 - 2 * sizes, 0.0, 1.0) * np.minimum(spots.fills, 1.0)
+        looks *= np.exp(-np.maximum(excess, 0.0) / self.radii[:, None])
+        looks = np.where(spots.kinds < count, looks, np.maximum(2 * spots.fills - 1, 0.0))
+        pictured = spots.kinds == count + np.arange(count)[:, None]
+        colored = (spots.kinds == self._finder.kinds[:, None]) & ((looks > LIKE) | ~pictured.any(axis=1, keepdims=True))
+        return np.where(pictured | colored, looks, -1.0)
+
+    def share(self, spots: Spots, markers: NDArray[np.int64], chosen: NDArray[np.int64]) -> Array:
+        """Areas of the markers' spots as shares of what is usual for each. Shape (K,)."""
+        return spots.areas[chosen] / self._areas[markers]
+
+    def spread(self, spots: Spots, markers: NDArray[np.int64], chosen: NDArray[np.int64]) -> Array:
+        """By how much the markers' second moments exceed their own at rest [px²]. Shape (K, 3)."""
+        return spots.moments[chosen] - self._moments[markers]
+
+    def unchanged(self, image: Image, markers: NDArray[np.int64], places: Array) -> bool:
+        """Whether some markers look as they did when they were last seen without a doubt, at their places (K, 2)."""
+        found = self.find_pictures(image, markers, places, np.ones(len(markers)))
+        sure = found.fills > SAME
+        return all((found.kinds[sure] == len(self._areas) + marker).any() for marker in markers)
+
+    def by_picture(self, spots: Spots, chosen: NDArray[np.int64]) -> Mask:
+        """Which spots were found by a marker's picture. Shape (K,)."""
+        return spots.kinds[chosen] >= len(self._areas)
+
+    def learn_picture(self, image: Image, marker: int, place: Array) -> None:
+        """Takes in the picture of a marker that looks different now, at its place (2,)."""
+        self._patches.renew(image, marker, place, float(self.radii[marker]))
+
+    def learn(
+        self, image: Image, spots: Spots, markers: NDArray[np.int64], chosen: NDArray[np.int64], blur: Array
+    ) -> None:
+        """Takes in how markers look that were seen without a doubt.
+
+        Args:
+            image: RGB. Shape (H, W, 3).
+            spots: Spots of the picture.
+            markers: Indices of the markers. Shape (K,).
+            chosen: Index of each one's spot. Shape (K,).
+            blur: How far each moved during the exposure [px]. Shape (K, 2).
+        """
+        colored = ~self.by_picture(spots, chosen)
+        markers, chosen, blur = markers[colored], chosen[colored], blur[colored]
+        positions, ways = np.full_like(self.points, np.nan), np.zeros_like(self.points)
+        positions[markers], ways[markers] = spots.centers[chosen], blur
+        change = GROWTH * (spots.areas[chosen] / self._areas[markers] - 1)
+        self._areas[markers] *= 1 + change
+        self._moments[markers] *= 1 + change[:, None]
+        self._finder.radii = np.where(self.plain, self.radii, self._finder.radii)
+        self._finder.learn(image, positions, ways)
+        for marker, spot in zip(markers.tolist(), chosen.tolist(), strict=True):
+            if np.hypot(*ways[marker]) < SHARP * self.radii[marker]:
+                self._moments[marker] += SHAPE_RATE * (spots.moments[spot] - self._moments[marker])
+                self._patches.learn(image, marker, spots.centers[spot])
+
+
+def squares(places: Array, reaches: Array | float) -> NDArray[np.int64]:
+    """Squares around places: left, top, right, bottom [px]. Shape (N, 4)."""
+    reach = np.broadcast_to(np.asarray(reaches), len(places))[:, None]
+    return np.concatenate([np.floor(places - reach), np.ceil(places + reach) + 1], axis=1).astype(np.int64)
+
+
+@dataclass(frozen=True)
+class _Own:
+    """The spots at the markers' points.
+
+    Attributes:
+        centers: Centers [px]. Shape (M, 2).
+        areas: Areas [px²]. Shape (M,).
+        moments: Second central moments [px²]. Shape (M, 3).
+        solidity: 1 for an ellipse that is covered evenly, less for anything else, 0 for none. Shape (M,).
+    """
+
+    centers: Array
+    areas: Array
+    moments: Array
+    solidity: Array
+
+    @staticmethod
+    def none(points: Array) -> _Own:
+        return _Own(points, np.zeros(len(points)), np.zeros((len(points), 3)), np.zeros(len(points)))
+
+    def where(self, other: Mask, others: _Own) -> _Own:
+        """These, and the others for some markers."""
+        pairs = ((vars(self)[name], vars(others)[name]) for name in vars(self))
+        return _Own(*(np.where(other if a.ndim == 1 else other[:, None], b, a) for a, b in pairs))
+
+
+def _own(finder: SpotFinder, image: Image, points: Array, radii: Array, room: float) -> _Own:
+    """The spots at the points, as far as they lie within some radii of them."""
+    spots = finder.find(image, squares(points, room * radii + 1.0), alone=True)
+    if not len(spots):
+        return _Own.none(points)
+    away = np.linalg.norm(points[:, None] - spots.centers, axis=2)
+    away[finder.kinds[:, None] != spots.kinds] = np.inf
+    own = away.argmin(axis=1)
+    area, moments = spots.areas[own], spots.moments[own]
+    xx, xy, yy = moments.T
+    half, mean = np.hypot((xx - yy) / 2, xy), (xx + yy) / 2
+    share = area / (np.pi * radii**2)
+    good = (away.min(axis=1) < CLICK_SHARE * radii + 1.0) & (share > OWN_AREAS[0]) & (share < OWN_AREAS[1])
+    good &= mean + half < LONGEST**2 * np.maximum(mean - half, 0.05)
+    good &= np.bincount(own[good], minlength=len(spots))[own] <= 1
+    spread = 4 * np.pi * (np.sqrt(np.maximum(mean**2 - half**2, 0)) - SOFT) / area
+    solidity = 1 / np.maximum(spread, 1.0)
+    # a ring, or a disc with a hub: round about the point
+    ring = (away.min(axis=1) < RING_SHARE * radii + 1.0) & (half < RING_UNEVEN * mean) & (solidity > LEAST_RING)
+    return _Own(spots.centers[own], area, moments, np.where(good, np.where(ring, 1.0, solidity), 0.0))
+
+
+def _contrasts(image: Image, points: Array, radii: Array, plain: Mask) -> Array:
+    """How the levels inside of plain markers differ from those around; of others all of the light. Shape (M, 3)."""
+    out = np.full((len(points), 3), 85.0)
+    rows, columns = np.mgrid[: image.shape[0], : image.shape[1]] if plain.any() else (np.zeros(0), np.zeros(0))
+    for m in np.flatnonzero(plain):
+        left, top, right, bottom = squares(points[m : m + 1], 2 * radii[m])[0].clip(0)
+        part = np.s_[top:bottom, left:right]
+        away = np.hypot(columns[part] - points[m, 0], rows[part] - points[m, 1]) / radii[m]
+        window = image[part].astype(float)
+        if (away > 1.2).any() and (away < 0.8).any():
+            out[m] = np.median(window[away < 0.8], axis=0) - np.median(window[away > 1.2], axis=0)
+    return out
+
+
+def _check_the_rest(image: Image, points: Array, odd: Mask) -> None:
+    """Markers that no spot was found for may be tags, or known by their pictures; or the points lie beside them."""
+    tags = dictionary_at(image, points[odd])
+    if tags is not None:
+        raise TrackingError(
+            f"{odd.sum()} of {len(points)} points lie on tags of {tags}; read them with: --tracker aruco --tags {tags}"
+        )
+    if odd.sum() <= len(points) // 3:
+        return
+    blobs = find_blobs(image)
+    x, y = points[odd][0]
+    listed = ", ".join(f"({x:.0f}, {y:.0f})" for x, y in points[odd][:3])
+    start = f"no marker stands out at {odd.sum()} of {len(points)} points, such as {listed}"
+    advice = "pick the points on the markers' centers in the first frame (`swim2real pick`)"
+    if len(blobs):
+        away = np.linalg.norm(points[odd][:, None] - blobs.points, axis=2)
+        nearest = away.argmin(axis=1)
+        beside = away.min(axis=1) < BESIDE * blobs.radii[nearest] + 3
+        if beside.sum() > len(beside) // 2:
+            far, blob = away[0, nearest[0]], nearest[0]
+            raise TrackingError(
+                f"{start}; the nearest round spot to ({x:.0f}, {y:.0f}) has a radius of {blobs.radii[blob]:.0f} px and "
+                f"is {far:.0f} px away, at ({blobs.points[blob, 0]:.0f}, {blobs.points[blob, 1]:.0f}); {advice}"
+            )
+    flat = [_detail(image, point) < LEAST_DETAIL for point in points[odd]]
+    if sum(flat) > len(flat) // 3:
+        raise TrackingError(f"{start}: the picture is even there; {advice}")
+
+
+def _detail(image: Image, point: Array) -> float:
+    left, top, right, bottom = squares(point[None], PICTURE_RADIUS)[0].clip(0)
+    return float(image[top:bottom, left:right].astype(float).mean(axis=2).std())

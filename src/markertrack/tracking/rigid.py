@@ -1,0 +1,369 @@
+"""Which spots are which markers of rigid bodies: all ways to lay the bodies over the spots, and how sure the best is.
+
+Each body is laid over the spots by all shifts that bring one of its markers onto a spot, and by all motions that bring
+two onto two. A way to label the markers costs something for each marker without a spot, for spots beside their places
+and for being far from where the body was expected. The bodies together take the cheapest ways in which no spot is two
+markers. How much more the next one would cost, in which a marker or a spot has another partner, says how sure that is:
+a row of equal markers can be mistaken by one spacing, and only its ends tell.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numba import njit  # pyright: ignore[reportMissingTypeStubs]
+from numpy.typing import NDArray
+
+from markertrack.tracking.tracker import Array, Mask
+
+Labels = NDArray[np.int64]
+
+MISSED = 10.0  # cost of a marker that should be in the frame and has no spot, while one is left over elsewhere
+BESIDE = 0.5  # cost of a spot that is as far from its place as is allowed
+POOR, POOR_FEW = 1.0, 4.0  # cost of a spot that isn't like its marker at all, and where a body has one or two
+FARTHEST = 9.0  # cost of a body that isn't where it was expected, and of one turned, at most: it may have been pushed
+NEARER = 0.6  # cost that prefers the last labels among those that are as good, by the logarithm of the distance
+MOST_WAYS = 16  # to lay one body that are kept
+_BEAM = 64
+MANY_SPOTS, FEW_PAIRS = 40, 3  # with so many spots, so many pairs of a body's markers are laid over them
+_MOST_PAIRS = 10
+
+
+@dataclass(frozen=True)
+class Labeling:
+    """What the markers of all bodies were found to be.
+
+    Attributes:
+        spots: Index of each marker's spot, -1 for none, body by body.
+        leads: By how much each body's labels are better than the next ones in which half of its markers have others, in
+            units of cost.
+        own_leads: By how much those of each marker are better than the next other ones of it, body by body.
+    """
+
+    spots: list[Labels]
+    leads: list[float]
+    own_leads: list[Array]
+
+
+@dataclass(frozen=True)
+class Expected:
+    """Where a body should be.
+
+    Attributes:
+        places: Its markers [px]. Shape (M, 2).
+        pairs: `pairs_of` its shape.
+        spread: How far it may easily be from there [px].
+        usual: How far it would be if its last labels are right [px]; less than `spread` only where these are doubted.
+        swing: How far it may easily be turned against it [rad].
+        near: How far it may be where all is well [px].
+        reach: How far it may be at most [px].
+        tolerance: How far a spot may be from a marker's place on the body [px].
+        lost: Whether it may have been mistaken for another, or wasn't seen.
+    """
+
+    places: Array
+    pairs: NDArray[np.int64]
+    spread: float
+    usual: float
+    swing: float
+    near: float
+    reach: float
+    tolerance: float
+    lost: bool
+
+
+def pairs_of(shape: Array) -> NDArray[np.int64]:
+    """Pairs of a body's markers that tell how it is turned, the widest first. Shape (K, 2)."""
+    first, second = np.triu_indices(len(shape), 1)
+    order = np.argsort(-np.linalg.norm(shape[first] - shape[second], axis=1), kind="stable")[:_MOST_PAIRS]
+    return np.stack([first[order], second[order]], axis=1).astype(np.int64)
+
+
+@njit(cache=True, nogil=True)
+def rigid_fit(shape: Array, places: Array) -> Array:
+    """The shape where its rigid motion comes closest to the places; NaN in these is left out. Shape (M, 2)."""
+    known = np.isfinite(places[:, 0])
+    if not known.any():
+        return shape.copy()
+    c, s, x, y = _fitted(shape, places, np.where(known, np.arange(len(shape)), -1), known.sum(), 1.0, 0.0)
+    return np.stack((c * shape[:, 0] - s * shape[:, 1] + x, s * shape[:, 0] + c * shape[:, 1] + y), axis=1)
+
+
+def label(expected: Sequence[Expected], centers: Array, looks: Sequence[Array], size: tuple[int, int]) -> Labeling:
+    """Labels the markers of all bodies: first of those that are where they should be, then of those that may be away.
+
+    Args:
+        expected: Where the bodies should be.
+        centers: Centers of the spots [px]. Shape (P, 2).
+        looks: How much each spot looks like each marker, body by body, from 0 to 1; below 0 it can't be it. Shapes
+            (M, P).
+        size: Width and height of the frame [px].
+    """
+    spots = [np.full(len(body.places), -1) for body in expected]
+    leads, own_leads = [np.inf] * len(expected), [np.full(len(body.places), np.inf) for body in expected]
+    near = [index for index, body in enumerate(expected) if not body.lost]
+    far = [index for index, body in enumerate(expected) if body.lost or body.reach > body.near]
+    for group, narrow in ((near, True), (far, False)):
+        for index in group:
+            spots[index] = np.full(len(spots[index]), -1)
+        free = np.setdiff1d(np.arange(len(centers)), np.concatenate(spots))
+        bodies = [replace(expected[index], reach=expected[index].near if narrow else expected[index].reach)
+                  for index in group]  # fmt: skip
+        if group:
+            labeling = _labeled(bodies, centers[free], [looks[index][:, free] for index in group], size)
+            for index, labels, lead, own in zip(group, labeling.spots, labeling.leads, labeling.own_leads, strict=True):
+                spots[index] = np.where(labels >= 0, free[labels] if len(free) else -1, -1)
+                leads[index], own_leads[index] = lead, own
+    return Labeling(spots, leads, own_leads)
+
+
+def _labeled(expected: Sequence[Expected], centers: Array, looks: Sequence[Array], size: tuple[int, int]) -> Labeling:
+    """Labels some bodies at once."""
+    ways: list[NDArray[np.int64]] = []
+    costs: list[Array] = []
+    for body, like in zip(expected, looks, strict=True):
+        markers = len(body.places)
+        labels, cost = np.full((MOST_WAYS, markers), -1, dtype=np.int64), np.full(MOST_WAYS, np.inf)
+        limits = np.array([body.spread, body.usual, body.swing, body.tolerance, *size], dtype=float)
+        count = _ways(body.places, limits, body.reach, body.pairs, centers, np.ascontiguousarray(like), labels, cost)
+        inside = ((body.places >= 0) & (body.places <= np.array(size) - 1)).all(axis=1)
+        visible = markers if body.lost else int(inside.sum())
+        ways.append(np.concatenate([labels[:count], np.full((1, markers), -1)]))
+        costs.append(np.append(cost[:count], MISSED * visible))
+    rows, total = _together(ways, costs)
+    spots = np.concatenate([way[rows[:, body]] for body, way in enumerate(ways)], axis=1)  # (B, all markers)
+    owner = np.repeat(np.arange(len(ways)), [len(body.places) for body in expected])
+    changed = _changed(spots[0], spots[1:], len(centers))
+    dearer = (total[1:] - total[0])[:, None]
+    own_leads = np.where(changed, dearer, np.inf).min(axis=0, initial=np.inf)
+    of = np.arange(len(ways)) == owner[:, None]
+    mostly = changed.astype(float) @ of >= of.sum(axis=0) / 2
+    leads = np.where(mostly, dearer, np.inf).min(axis=0, initial=np.inf)
+    best = [way[index] for way, index in zip(ways, rows[0], strict=True)]
+    return Labeling(
+        _without_doubles(best, [body.places for body in expected], centers), leads.tolist(),
+        [own_leads[owner == body] for body in range(len(ways))],
+    )  # fmt: skip
+
+
+def _together(ways: list[NDArray[np.int64]], costs: list[Array]) -> tuple[NDArray[np.int64], Array]:
+    """The cheapest combinations of one way for each body, and their costs. Shapes (B, bodies), (B,)."""
+    rows, total = np.zeros((1, 0), dtype=np.int64), np.zeros(1)
+    for body, (way, cost) in enumerate(zip(ways, costs, strict=True)):
+        grown = total[:, None] + cost
+        for before in range(body):
+            shared = (ways[before][:, None, :, None] == way[None, :, None, :]) & (way >= 0)[None, :, None, :]
+            if shared.any():
+                grown = grown + MISSED * shared.sum(axis=(2, 3))[rows[:, before]]
+        order = np.argsort(grown, axis=None, kind="stable")[:_BEAM]
+        source, index = np.unravel_index(order, grown.shape)
+        rows, total = np.concatenate([rows[source], index[:, None]], axis=1), grown.ravel()[order]
+    return rows, total
+
+
+def _changed(best: Labels, others: Labels, count: int) -> Mask:
+    """Whether each marker has another spot, or its spot another marker; one only left out has not.
+
+    Args:
+        best: Spot of each marker. Shape (M,).
+        others: Spots in other ways. Shape (B, M).
+        count: Number of spots.
+
+    Returns:
+        By way and marker. Shape (B, M).
+    """
+    holder = np.full(count + 1, -1)  # the last one stands for no spot
+    holder[best[best >= 0]] = np.flatnonzero(best >= 0)
+    before = holder[others]
+    taken = (before >= 0) & (before != np.arange(len(best)))
+    changed = taken | ((others != best) & (others >= 0) & (best >= 0))
+    row, marker = np.nonzero(taken)
+    changed[row, before[row, marker]] = True
+    return changed
+
+
+def _without_doubles(labels: list[Labels], predicted: list[Array], centers: Array) -> list[Labels]:
+    """A spot that two bodies have keeps the marker that is nearer to its place on its body."""
+    out = [one.copy() for one in labels]
+    taken: dict[int, tuple[float, int, int]] = {}
+    for body, (one, places) in enumerate(zip(labels, predicted, strict=True)):
+        seen = np.flatnonzero(one >= 0)
+        if not len(seen):
+            continue
+        found = np.full_like(places, np.nan)
+        found[seen] = centers[one[seen]]
+        off = np.linalg.norm(found - rigid_fit(places, found), axis=1)
+        for marker in seen:
+            spot, mine = int(one[marker]), (float(off[marker]), body, int(marker))
+            if spot in taken:
+                _, loser, lost = max(mine, taken[spot])
+                out[loser][lost] = -1
+                mine = min(mine, taken[spot])
+            taken[spot] = mine
+    return out
+
+
+@njit(cache=True, nogil=True)
+def _ways(
+    predicted: Array, limits: Array, reach: float, pairs: NDArray[np.int64], centers: Array, looks: Array,
+    labels: NDArray[np.int64], costs: Array,
+) -> int:  # fmt: skip
+    """Fills in the best ways to label one body, and their costs; gives their number.
+
+    `limits` are spread, usual spread, swing and tolerance of `Expected`, and width and height of the frame.
+    """
+    markers, tolerance = len(predicted), limits[3]
+    near = np.zeros((markers, len(centers)), dtype=np.bool_)
+    for m in range(markers):
+        for p in range(len(centers)):
+            away = (centers[p, 0] - predicted[m, 0]) ** 2 + (centers[p, 1] - predicted[m, 1]) ** 2
+            near[m, p] = looks[m, p] >= 0 and away < reach**2
+    trial, off = np.empty(markers, dtype=np.int64), np.empty(markers)
+    count = _tried(predicted, (1.0, 0.0, 0.0, 0.0), limits, centers, looks, trial, off, labels, costs, 0)
+    for m in range(markers):
+        for p in range(len(centers)):
+            if near[m, p]:
+                motion = (1.0, 0.0, centers[p, 0] - predicted[m, 0], centers[p, 1] - predicted[m, 1])
+                count = _tried(predicted, motion, limits, centers, looks, trial, off, labels, costs, count)
+    for k in range(len(pairs) if len(centers) < MANY_SPOTS else min(len(pairs), FEW_PAIRS)):
+        a, b = pairs[k]
+        bx, by = predicted[b, 0] - predicted[a, 0], predicted[b, 1] - predicted[a, 1]
+        length = np.sqrt(bx * bx + by * by)
+        for p in range(len(centers)):
+            if not near[a, p]:
+                continue
+            for q in range(len(centers)):
+                if q == p or not near[b, q]:
+                    continue
+                dx, dy = centers[q, 0] - centers[p, 0], centers[q, 1] - centers[p, 1]
+                far = np.sqrt(dx * dx + dy * dy)
+                if abs(far - length) > 1.5 * tolerance:
+                    continue
+                c, s = (bx * dx + by * dy) / (length * far), (bx * dy - by * dx) / (length * far)
+                x = centers[p, 0] - (c * predicted[a, 0] - s * predicted[a, 1])
+                y = centers[p, 1] - (s * predicted[a, 0] + c * predicted[a, 1])
+                count = _tried(predicted, (c, s, x, y), limits, centers, looks, trial, off, labels, costs, count)
+    return count
+
+
+@njit(cache=True, nogil=True)
+def _tried(
+    predicted: Array, motion: tuple[float, float, float, float], limits: Array, centers: Array, looks: Array,
+    trial: NDArray[np.int64], off: Array, labels: NDArray[np.int64], costs: Array, count: int,
+) -> int:  # fmt: skip
+    """Lays a body by one motion, labels it, fits the motion to the labels, and keeps the way if it is a good one.
+
+    A motion is the cosine and sine of a turn about the origin, and a shift.
+    """
+    spread, usual, swing, tolerance, width, height = limits
+    c, s, x, y = motion
+    markers = len(predicted)
+    for turn in range(3):
+        gate = (2.5 if turn == 0 else 1.0) * tolerance
+        seen = _nearest(predicted, (c, s, x, y), centers, looks, gate, trial, off)
+        if seen == 0:
+            return count
+        if turn < 2:
+            c, s, x, y = _fitted(predicted, centers, trial, seen, c, s)
+    cost = away = 0.0
+    for m in range(markers):
+        px, py = c * predicted[m, 0] - s * predicted[m, 1] + x, s * predicted[m, 0] + c * predicted[m, 1] + y
+        away += (px - predicted[m, 0]) ** 2 + (py - predicted[m, 1]) ** 2
+        if trial[m] >= 0:
+            cost += BESIDE * (off[m] / tolerance) ** 2 + (POOR if markers > 2 else POOR_FEW) * (1 - looks[m, trial[m]])
+        elif _inside(px, py, width, height) or _inside(predicted[m, 0], predicted[m, 1], width, height):
+            cost += MISSED
+    away /= 2 * markers
+    unexpected = 2 * np.log1p(away / spread**2) + NEARER * np.log1p(away / usual**2)
+    cost += min(unexpected, FARTHEST) + min(2 * np.log1p(np.arctan2(s, c) ** 2 / (2 * swing**2)), FARTHEST)
+    # one that only leaves out what a better one has isn't another way
+    for k in range(count):
+        more = less = True
+        for m in range(markers):
+            if trial[m] != labels[k, m]:
+                more = more and labels[k, m] < 0
+                less = less and trial[m] < 0
+        if more or less:
+            if cost < costs[k]:
+                _put(labels, costs, k, trial, cost)
+            return count
+    if count == len(costs):
+        if cost >= costs[count - 1]:
+            return count
+        count -= 1
+    _put(labels, costs, count, trial, cost)
+    return count + 1
+
+
+@njit(cache=True, nogil=True)
+def _put(labels: NDArray[np.int64], costs: Array, k: int, trial: NDArray[np.int64], cost: float) -> None:
+    """Puts a way in place of another, and moves it ahead of those that cost more."""
+    while k > 0 and cost < costs[k - 1]:
+        costs[k], labels[k] = costs[k - 1], labels[k - 1]
+        k -= 1
+    costs[k], labels[k] = cost, trial
+
+
+@njit(cache=True, nogil=True)
+def _inside(x: float, y: float, width: float, height: float) -> bool:
+    return 0 <= x <= width - 1 and 0 <= y <= height - 1
+
+
+@njit(cache=True, nogil=True)
+def _nearest(
+    predicted: Array, motion: tuple[float, float, float, float], centers: Array, looks: Array, gate: float,
+    trial: NDArray[np.int64], off: Array,
+) -> int:  # fmt: skip
+    """Gives each marker the nearest spot to its place, where it is the nearest of that spot; gives their number."""
+    c, s, x, y = motion
+    seen = 0
+    for m in range(len(predicted)):
+        px, py = c * predicted[m, 0] - s * predicted[m, 1] + x, s * predicted[m, 0] + c * predicted[m, 1] + y
+        trial[m], best, off[m] = -1, 2 * gate * gate, 0.0
+        for p in range(len(centers)):
+            away = (centers[p, 0] - px) ** 2 + (centers[p, 1] - py) ** 2
+            if away < gate * gate and looks[m, p] >= 0:
+                poor = (1 - looks[m, p]) * gate  # a spot that looks like the marker is preferred to one that is nearer
+                if away + poor * poor < best:
+                    trial[m], best, off[m] = p, away + poor * poor, np.sqrt(away)
+        if trial[m] < 0:
+            continue
+        seen += 1
+        for other in range(m):
+            if trial[other] == trial[m]:
+                seen -= 1
+                if off[other] <= off[m]:
+                    trial[m] = -1
+                else:
+                    trial[other] = -1
+                break
+    return seen
+
+
+@njit(cache=True, nogil=True)
+def _fitted(
+    predicted: Array, centers: Array, trial: NDArray[np.int64], seen: int, c: float, s: float
+) -> tuple[float, float, float, float]:
+    """The rigid motion that brings the markers closest to their spots; one alone keeps the turn."""
+    hx = hy = tx = ty = 0.0
+    for m in range(len(predicted)):
+        if trial[m] >= 0:
+            hx += centers[trial[m], 0]
+            hy += centers[trial[m], 1]
+            tx += predicted[m, 0]
+            ty += predicted[m, 1]
+    hx, hy, tx, ty = hx / seen, hy / seen, tx / seen, ty / seen
+    if seen > 1:
+        cross = dot = 0.0
+        for m in range(len(predicted)):
+            if trial[m] >= 0:
+                ax, ay = centers[trial[m], 0] - hx, centers[trial[m], 1] - hy
+                bx, by = predicted[m, 0] - tx, predicted[m, 1] - ty
+                cross += bx * ay - by * ax
+                dot += bx * ax + by * ay
+        norm = np.sqrt(cross * cross + dot * dot)
+        if norm > 0:
+            c, s = dot / norm, cross / norm
+    return c, s, hx - (c * tx - s * ty), hy - (s * tx + c * ty)

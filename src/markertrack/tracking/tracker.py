@@ -1,0 +1,78 @@
+"""What a tracker of markers is."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swimbase.errors import TrackingError
+
+Array = NDArray[np.float64]
+Image = NDArray[np.uint8]
+Mask = NDArray[np.bool_]
+
+DOUBT = 0.45  # confidence of a marker that may be another one: `quality` counts less than a half as lost
+REASONS = "nothing like it is found", "others like it are near", "it doesn't look as it did"
+
+
+class Tracker(Protocol):
+    """Follows markers from the points in the first frame on.
+
+    Pixels are those of the upright image, x to the right, y down, the top-left pixel's center at (0, 0).
+    """
+
+    def start(self, image: Image, points: Array, time: float) -> tuple[Array, Array]:
+        """Takes the first frame.
+
+        Args:
+            image: RGB. Shape (H, W, 3).
+            points: Places of the markers, as picked [px]. Shape (M, 2).
+            time: Time stamp [s].
+
+        Returns:
+            Positions [px], shape (M, 2), and confidence from 0 to 1, shape (M,), as `follow` gives them.
+
+        Raises:
+            TrackingError: No marker can be made out where one was picked.
+        """
+        ...
+
+    def follow(self, image: Image, time: float) -> tuple[Array, Array]:
+        """Takes the next frame.
+
+        Args:
+            image: RGB, of the same size. Shape (H, W, 3).
+            time: Time stamp, later than the last one [s].
+
+        Returns:
+            Positions, NaN where a marker is lost [px], shape (M, 2), and confidence from 0 (lost) to 1, shape (M,).
+        """
+        ...
+
+
+def check_points(image: Image, points: Array) -> None:
+    """Refuses points (M, 2) that aren't in a frame.
+
+    Raises:
+        TrackingError: One isn't.
+    """
+    height, width = image.shape[:2]
+    if not ((points >= 0) & (points <= [width - 1, height - 1])).all():
+        raise TrackingError(f"{len(points)} points must be finite and lie in the frame of {width} x {height} px")
+
+
+def check_order(time: float, last: float) -> None:
+    """Refuses a frame that isn't after the last one.
+
+    Raises:
+        TrackingError: It isn't.
+    """
+    if time <= last:
+        raise TrackingError(f"frame time {time:.4f} s isn't after the last one; call start() first, then in order")
+
+
+def inside(places: Array, image: Image) -> Mask:
+    """Whether places are in a picture. Shapes (..., 2), (...)."""
+    return np.asarray(((places >= 0) & (places <= np.array(image.shape[1::-1]) - 1)).all(axis=-1))

@@ -1,0 +1,149 @@
+"""Markers that nothing connects: what real films showed, drawn. Each of these was lost or mistaken without flow."""
+
+import numpy as np
+import pytest
+from test_bodies import HEIGHT, MIDDLE, RADIUS, SHEET, WIDTH, drawn, errors, followed, silent
+
+from markertrack.tracking.free import _Flow as Flow
+from markertrack.tracking.looks import Looks, squares
+from markertrack.tracking.markers import MarkerTracker
+
+GROUND = np.random.default_rng(3).normal(0, 1, (HEIGHT // 6, WIDTH // 6)).repeat(6, 0).repeat(6, 1)
+
+
+def painted(places, radius, color, ground=150.0, texture=0.0):
+    """Pictures of discs of a radius and a color (3,) that change with the frame, on a ground that doesn't."""
+    rows, columns = np.mgrid[:HEIGHT, :WIDTH]
+
+    def picture(frame):
+        image = np.repeat((ground + texture * GROUND)[..., None], 3, axis=2)
+        for x, y in places(frame):
+            inside = np.clip(radius(frame) + 0.5 - np.hypot(columns - x, rows - y), 0, 1)[..., None]
+            image = image * (1 - inside) + np.asarray(color(frame)) * inside
+        noise = np.random.default_rng(frame).normal(0, 2, image.shape)
+        return np.clip(image + noise, 0, 255).astype(np.uint8)
+
+    return picture
+
+
+def wandering(frame):
+    return MIDDLE + np.array([[-90 + 1.5 * frame, 30 * np.sin(frame / 9)], [90 - 1.2 * frame, -60 + 0.4 * frame]])
+
+
+@pytest.mark.parametrize(
+    ("radius", "color"),
+    [
+        (lambda k: 5 + 0.3 * k, lambda k: (40 + 1.5 * k,) * 3),  # a dot on a balloon grows and fades
+        (lambda k: 24 - 0.3 * k, lambda k: (60, 40, 40)),
+        (lambda k: 8, lambda k: (200 - 3 * k, 40, 40 + 3 * k)),  # a ball that rolls onto its other color
+        (lambda k: 3, lambda k: (250, 250 - 2 * k, 40)),  # a lamp
+    ],
+    ids=["grows and fades", "shrinks", "changes its color", "lamp"],
+)
+def test_a_marker_that_changes_is_followed(radius, color):
+    picture = painted(wandering, radius, color, texture=12.0)
+    off, confidence = errors(MarkerTracker(range(2)), wandering, 50, picture=picture)
+    assert silent(off, confidence) == []
+    assert (confidence >= 0.5).mean() > 0.95
+
+
+def test_one_that_is_lit_more_brightly_keeps_its_spot():
+    """Its linear light is 1.4 times as much, its contrast with the ground almost twice."""
+    level = 200 * np.array([1.0, 1.4 ** (1 / 2.2)])
+    picture = painted(wandering, lambda k: 7, lambda k: np.full(3, level[k]))
+    looks = Looks(picture(0), wandering(0))
+    spots = looks.find(picture(1), squares(wandering(1), 15.0))
+    near = np.linalg.norm(spots.centers[:, None] - wandering(1), axis=2)
+    np.testing.assert_allclose(spots.areas[near.argmin(axis=0)], np.pi * 49, rtol=0.2)
+    assert near.min(axis=0).max() < 0.3
+
+
+def test_one_that_was_hidden_for_long_stays_doubtful():
+    """Something like it, elsewhere, may be another one."""
+
+    def shown(frame):
+        return wandering(0)[[0]] if 5 < frame < 30 else np.array([wandering(0)[0], wandering(frame and 30)[1]])
+
+    picture = painted(shown, lambda k: 7, lambda k: (30, 30, 30), texture=12.0)
+    _, confidence = followed(MarkerTracker(range(2)), picture, wandering(0), 45)
+    assert (confidence[6:, 1] < 0.5).all()
+    assert (confidence[:, 0] >= 0.5).all()
+
+
+def test_a_body_that_turns_out_to_be_soft_is_followed():
+    """Each dot goes its own way by several radii, though the robot file says that they are on one body."""
+
+    def places(frame):
+        own = 5 * RADIUS * np.sin(np.clip(frame, 0, 40) / 40 * np.pi / 2)
+        return SHEET + own * np.stack([np.sin(3.0 * np.arange(12)), np.cos(5.0 * np.arange(12))], axis=1) / 2
+
+    off, confidence = errors(MarkerTracker([1] * 12), places, 45)
+    assert silent(off, confidence) == []
+    assert (confidence >= 0.5).mean() > 0.9
+
+
+@pytest.mark.parametrize("radius", [3.0, 9.0, 30.0])
+def test_flow_gives_step_and_growth(radius):
+    step, growth = np.array([4.0, -2.5]), 1.05
+    first, second = (
+        painted(lambda k, at=at: [at], lambda k, r=r: r, lambda k: (40, 40, 40))(0)
+        for at, r in ((MIDDLE, radius), (MIDDLE + step, radius * growth))
+    )
+    moves = Flow(first).follow(second, MIDDLE[None], np.array([radius]), np.zeros((1, 2)))
+    np.testing.assert_allclose(moves.steps[0], step, atol=0.3)
+    assert moves.growths[0] == pytest.approx(growth, abs=0.03)
+    assert moves.errors[0] < 1
+
+
+def test_flow_of_a_marker_that_vanished_contradicts_itself():
+    gone = painted(lambda k: [], lambda k: 1, lambda k: (0, 0, 0))(1)
+    moves = Flow(drawn(lambda k: MIDDLE[None])(0)).follow(gone, MIDDLE[None], np.array([6.0]), np.zeros((1, 2)))
+    assert moves.errors[0] > 0.6
+
+
+BLACK = (30, 30, 30)
+
+
+def hidden(truth, frames, markers):
+    """What is shown of places at a frame, if some markers aren't within some frames."""
+
+    def shown(frame):
+        places = truth(frame)
+        return np.delete(places, markers, axis=0) if frame in frames else places
+
+    return shown
+
+
+def tracked(truth, shown, frames, radius=7, texture=0.0):
+    """Whether each marker is usable in each frame; no silent error is."""
+    picture = painted(shown, lambda k: radius, lambda k: BLACK, texture=texture)
+    found, confidence = followed(MarkerTracker(range(len(truth(0)))), picture, truth(0), frames)
+    off = np.linalg.norm(found - np.array([truth(frame) for frame in range(frames)]), axis=2)
+    assert silent(off, confidence) == []
+    return confidence >= 0.5
+
+
+def test_one_that_was_hidden_for_long_is_found_again():
+    """Nothing like it is near, and it isn't farther away than it may have moved."""
+    sure = tracked(wandering, hidden(wandering, range(8, 23), [1]), 40)
+    assert sure[:, 0].all()
+    assert not sure[8:23, 1].any()
+    assert sure[30:, 1].all()
+
+
+def test_two_alike_that_cross_while_they_are_hidden_stay_doubtful():
+    def truth(frame):
+        return MIDDLE + np.array([[2.0 * (frame - 16), -4.0], [-2.0 * (frame - 16), 4.0]])
+
+    sure = tracked(truth, hidden(truth, range(8, 23), [0, 1]), 45)
+    assert sure[:8].all()
+    assert not sure[8:].any()
+
+
+@pytest.mark.parametrize("speed", [14.0, 20.0, 26.0])
+def test_a_repeated_picture_and_the_doubled_step_after_it_are_followed(speed):
+    def truth(frame):
+        moved = speed * (frame - (frame % 5 == 4))
+        return MIDDLE + np.array([[moved - 190, 10.0], [moved - 190, -60.0]])
+
+    assert tracked(truth, truth, int(370 / speed), radius=4, texture=12.0).all()
