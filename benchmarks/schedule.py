@@ -13,6 +13,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from math import pi, sin
+from pathlib import Path
 
 from motorline import FISH, RATE, XW540_T140, CommandTable, fish_motor
 from motorline.bus import Bus
@@ -20,10 +21,12 @@ from motorline.motors import Motors
 from motorline.schedule import real_time_priority
 from motorline.sending import SendingResult, send
 
+EMULATOR = Path(__file__).resolve().parents[1] / "tests" / "emulator.py"
+
 
 @contextlib.contextmanager
 def emulated_motor(baud: int) -> Iterator[str]:
-    words = [sys.executable, "-m", "emulator", str(baud)]
+    words = [sys.executable, str(EMULATOR), str(baud)]
     with subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as program:
         yield program.stdout.readline().strip()
         program.stdin.close()

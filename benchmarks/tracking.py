@@ -14,6 +14,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # one thread is measured; be
 import argparse
 import hashlib
 import platform
+import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterable, Iterator
@@ -23,6 +24,9 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "examples"))
+
 from pool import Filmed
 from tracking_clips import CSRT_CLIPS, SUITE, Array, Clip, random_clip
 

@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 import re
+import sys
 from dataclasses import dataclass, fields, replace
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "examples"))
+
 from pool import Filmed, Glare, Occluder, PoolCamera, PoolScene, film, scene
 from scipy.interpolate import CubicSpline
 

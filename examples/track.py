@@ -7,9 +7,9 @@ import sys
 from pathlib import Path
 
 from pool import Glare, PoolCamera
+from swims import film_swims
 
 from markertrack.camera_file import CameraFile, write_camera
-from swim2real.demo import film_swims
 from swim2real.pipeline import track_videos
 from swim2real.robots.fish import FISH
 from swim2real.settings import TrackingSettings

@@ -37,8 +37,7 @@ from recover import hidden
 from strangers import CASES, recorded, robot_of
 
 from swim2real.calibration import Problem
-from swim2real.demo import DEMO_FREQUENCIES, HELD_OUT, SyntheticCamera, hidden_values, synthetic_reference
-from swim2real.demo.example import SECONDS
+from swim2real.demo import FREQUENCIES, HELD_OUT, SyntheticCamera, hidden_values, synthetic_reference
 from swim2real.parameters import ParameterSpace, Values
 from swim2real.robots import load_robot
 from swim2real.robots.fish import FISH
@@ -121,14 +120,14 @@ def _posed(name, demo):
 
 def _simulated_demo():
     camera = replace(CAMERA, placement=3e-3)
-    return synthetic_reference(FISH, hidden_values(), DEMO_FREQUENCIES, SECONDS, camera, 0)
+    return synthetic_reference(FISH, hidden_values(), FREQUENCIES, 4.0, camera, 0)
 
 
 def _hidden(number):
     """The swims of a hidden fish, and its values, which explain them."""
     fish = number
     while True:
-        point, reference = hidden(fish, DEMO_FREQUENCIES, SECONDS, CAMERA)
+        point, reference = hidden(fish, FREQUENCIES, 4.0, CAMERA)
         values = FISH.space.to_values(point)
         if Problem(FISH, reference, threads=1).evaluate(values).loss < EXPLAINED:
             return reference, values

@@ -6,22 +6,24 @@ Both references are calibrated with the same seeds; every result is then judged 
 """
 
 import argparse
+import sys
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "examples"))
+
 from pool import film, scene
 from scipy.interpolate import CubicSpline
+from swims import CAMERA, PLACEMENT, SAMPLE_INTERVAL, TIMESTEP
 
 from markertrack.camera_file import CameraFile, write_camera
 from markertrack.points import save_points
 from markertrack.track import MarkerTrack
 from swim2real.calibration import Problem
-from swim2real.demo.example import CAMERA, hidden_values
+from swim2real.demo import hidden_values
 from swim2real.demo.synthetic import (
-    PLACEMENT,
-    SAMPLE_INTERVAL,
-    TIMESTEP,
     placed_by_hand,
     steady_swims,
     turned,

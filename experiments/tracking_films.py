@@ -12,6 +12,9 @@ from pathlib import Path
 
 import av
 import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "examples"))
+
 from pool import Glare, PoolCamera, film, scene
 
 from markertrack.camera_file import CameraFile, write_camera

@@ -5,9 +5,6 @@ The names of `__init__.pyi` are imported when they are used, so `import swim2rea
 
 import lazy_loader
 
-from swimbase.errors import Swim2RealError as Swim2RealError
-
 __version__ = "0.1.0"
 
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
-__all__ += ["Swim2RealError"]

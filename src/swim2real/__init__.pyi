@@ -1,5 +1,3 @@
-from swimbase.errors import Swim2RealError as Swim2RealError
-
 from .api import Run as Run
 from .api import compare as compare
 from .api import evaluate as evaluate
@@ -9,6 +7,7 @@ from .calibration import Outcome as Outcome
 from .comparison import ComparisonResults as ComparisonResults
 from .demo import SyntheticCamera as SyntheticCamera
 from .demo import synthetic_reference as synthetic_reference
+from .errors import Swim2RealError as Swim2RealError
 from .objective import Comparison as Comparison
 from .pipeline import calibrate as calibrate
 from .pipeline import track_video as track_video

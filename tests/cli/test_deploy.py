@@ -8,10 +8,10 @@ import time
 from contextlib import contextmanager
 
 import pytest
-from emulator import EmulatedMotor, Emulator
-from faulty_motors import Fault, FaultyEmulator
 from program import process
 
+from emulator import EmulatedMotor, Emulator
+from faulty_motors import Fault, FaultyEmulator
 from motorline import FISH, CommandTable, control_table, write_table
 
 MOTORS = """

@@ -16,7 +16,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from pool import PoolCamera
 from program import process
+from swims import film_demo
 
 import swim2real
 
@@ -124,20 +126,23 @@ def survives(
 
 
 SMALL_DEMO = """
+from pathlib import Path
 from swim2real import demo, settings
 from swim2real.cli import main
-from pool import PoolCamera
-demo.DEMO_FREQUENCIES = (0.75, 1.5)
-demo.film_and_track.__kwdefaults__.update(seconds=1.5, camera=PoolCamera(width=640, height=360, view=1.3, fps=30.0))
+demo.track.__kwdefaults__["films"] = Path({films!r})
 settings.IdentifiabilitySettings.__init__.__defaults__ = (1, 0)
 main()
 """
+SMALL = PoolCamera(width=640, height=360, view=1.3, fps=30.0)
 
 
-def small_demo(*words) -> subprocess.Popen:
-    """Starts `demo` with short films in a small picture and few rounds, for which it has no options."""
-    return subprocess.Popen(
-        [sys.executable, "-c", SMALL_DEMO, *map(str, words)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+def small_demo(films: Path):
+    """A starter of `demo` with short films in a small picture and few rounds, for which it has no options."""
+    if not films.exists():
+        film_demo(films, (0.75, 1.25), 1.5, SMALL)
+    code = SMALL_DEMO.format(films=str(films))
+    return lambda *words: subprocess.Popen(
+        [sys.executable, "-c", code, *map(str, words)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
         env={**os.environ, "PYTHONPATH": str(Path(swim2real.__file__).parents[1])},
     )  # fmt: skip
 
@@ -206,4 +211,5 @@ def test_demo(tmp_path, monkeypatch):
     def words(out):
         return ["demo", "--out", out, "--budget", 10, "--quiet"]
 
-    survives("demo", words, tmp_path, monkeypatch, "--resume", "videos", small_demo)
+    start = small_demo(tmp_path / "films")
+    survives("demo", words, tmp_path, monkeypatch, "--resume", "videos", start)

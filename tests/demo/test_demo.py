@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from pool import PoolCamera
+from swims import film_demo
 
 from films import contents, tables
 from markertrack.camera_file import read_camera
@@ -18,16 +19,16 @@ from pools import hidden_values
 from swim2real.calibration import Outcome, reference_fingerprint
 from swim2real.cli import main
 from swim2real.demo import (
-    DEMO_FREQUENCIES,
-    FULL_FREQUENCIES,
+    FREQUENCIES,
     HELD_OUT,
+    MORE_FREQUENCIES,
     DemoCallbacks,
     SyntheticCamera,
     demo_settings,
-    film_and_track,
     fit,
     synthetic_reference,
-)  # fmt: skip
+    track,
+)
 from swim2real.demo import example as room
 from swim2real.pipeline import FrameProgress, TrackedVideo
 from swim2real.robots.fish import FISH
@@ -111,8 +112,13 @@ def test_the_hidden_fish_is_within_bounds_and_not_the_published_one():
     assert np.abs(space.to_cube(hidden) - space.to_cube(FISH.space.published)).max() > 0.2
 
 
+def test_the_films_are_those_of_the_frequencies_and_small():
+    names = {f"f{frequency:.2f}".replace(".", "_") for frequency in (*FREQUENCIES, *MORE_FREQUENCIES)}
+    assert {path.stem for path in room.FILMS.glob("*.mp4")} == names
+    assert sum(path.stat().st_size for path in room.FILMS.iterdir()) < 4e6
+
+
 CAMERA_OF_DEMO = PoolCamera(width=640, height=360, view=1.3, fps=30.0)  # markers have a radius of 4 px
-SHORT = {"frequencies": (0.75, 1.5), "seconds": 1.5, "camera": CAMERA_OF_DEMO, "workers": 1}
 
 
 @dataclass
@@ -138,17 +144,22 @@ class Heard:
 class Demo:
     """A demo with two short films in a small picture and two evaluations."""
 
+    films: Path
     out: Path
     heard: Heard
     outcome: Outcome
+
+    def again(self, out: Path, heard: Heard | None = None, resume: bool = False) -> None:
+        track(out, films=self.films, full=True, resume=resume, workers=1, callbacks=(heard or Heard()).callbacks)
 
 
 @pytest.fixture(scope="session")
 def short_demo(tmp_path_factory) -> Demo:
     """Don't write into its folder."""
-    out, heard = tmp_path_factory.mktemp("demo") / "out", Heard()
-    film_and_track(out, callbacks=heard.callbacks, **SHORT)
-    return Demo(out, heard, fit(out, demo_settings(2)))
+    films, out, heard = tmp_path_factory.mktemp("films"), tmp_path_factory.mktemp("demo") / "out", Heard()
+    film_demo(films, (0.75, 1.5), 1.5, CAMERA_OF_DEMO)
+    track(out, films=films, full=True, workers=1, callbacks=heard.callbacks)
+    return Demo(films, out, heard, fit(out, demo_settings(2)))
 
 
 def test_the_demo_leaves_films_a_reference_and_a_run_and_says_so(short_demo):
@@ -161,7 +172,7 @@ def test_the_demo_leaves_films_a_reference_and_a_run_and_says_so(short_demo):
     assert json.loads((out / "run" / "outcome.json").read_text()) == short_demo.outcome.to_json()
     settings = json.loads((out / "run" / "settings.json").read_text())
     assert settings["reference_fingerprint"] == reference_fingerprint(load_reference(out / "reference"))
-    assert [line.rpartition("/")[2] for line in heard.lines[1:3]] == ["f0_75.mp4: filmed", "f1_50.mp4: filmed"]
+    assert heard.lines == ["Tracking the markers in 2 films of a fish with hidden parameters"]
     assert heard.done_before == [("f0_75", False), ("f1_50", False)]
     assert len(heard.frames) == 2 * 46
 
@@ -189,8 +200,7 @@ def test_points_are_clicked_and_the_camera_measured_as_by_a_person(short_demo):
 
 
 def test_the_demo_evaluates_on_the_trial_that_it_left_out(short_demo):
-    assert HELD_OUT in {f"f{frequency:.2f}".replace(".", "_") for frequency in DEMO_FREQUENCIES}
-    assert set(DEMO_FREQUENCIES) < set(FULL_FREQUENCIES)
+    assert HELD_OUT in {f"f{frequency:.2f}".replace(".", "_") for frequency in FREQUENCIES}
     assert tuple(short_demo.outcome.held_out.trials) == (HELD_OUT,)
     assert tuple(short_demo.outcome.fit.trials) == ("f1_50",)
     assert 0 < short_demo.outcome.held_out.aligned_marker_error < 1
@@ -211,20 +221,20 @@ def test_a_second_demo_into_the_same_folder_is_refused_and_one_that_is_done_only
     out, err = capsys.readouterr()
     assert out == ""
     assert err.startswith(f"swim2real: '{short_demo.out}' holds a demo already; ")
-    film_and_track(short_demo.out, resume=True, callbacks=heard.callbacks, **SHORT)
+    short_demo.again(short_demo.out, heard, resume=True)
     assert heard.done_before == [("f0_75", True), ("f1_50", True)]
     assert contents(short_demo.out) == before
 
 
 @pytest.mark.parametrize("there", ["videos", "camera.json", "reference", "run"])
-def test_a_folder_that_holds_something_of_the_kind_or_cant_be_made_is_refused(tmp_path, there):
+def test_a_folder_that_holds_something_of_the_kind_or_cant_be_made_is_refused(short_demo, tmp_path, there):
     (tmp_path / there).mkdir()
     with pytest.raises(RunError, match="holds a demo already; remove it, choose another --out or go on with --resume"):
-        film_and_track(tmp_path, **SHORT)
+        short_demo.again(tmp_path)
     assert [path.name for path in tmp_path.rglob("*")] == [there]
     (tmp_path / "file").write_text("mine")
-    with pytest.raises(RunError, match=r"can't write folder '.*file/videos': Not a directory"):
-        film_and_track(tmp_path / "file", **SHORT)
+    with pytest.raises(RunError, match=r"can't write folder '.*file': .*a file and no folder"):
+        short_demo.again(tmp_path / "file")
 
 
 @pytest.mark.slow
@@ -232,9 +242,8 @@ def test_an_interrupted_demo_goes_on_with_what_is_missing(short_demo, tmp_path):
     out, heard = Path(shutil.copytree(short_demo.out, tmp_path / "out")), Heard()
     for gone in ("videos/f1_50.mp4", "reference/tracks/f1_50.json"):
         (out / gone).unlink()
-    (out / "videos" / "part_f1_50.mp4.part").write_text("half")
-    film_and_track(out, resume=True, callbacks=heard.callbacks, **SHORT)
-    assert [line for line in heard.lines if "filmed" in line] == [f"{out / 'videos' / 'f1_50.mp4'}: filmed"]
+    (out / "videos" / "f1_50.mp4.part").write_text("half")
+    short_demo.again(out, heard, resume=True)
     assert heard.done_before == [("f0_75", True), ("f1_50", False)]
     for folder in ("videos", "reference"):
         assert tables(out / folder) == tables(short_demo.out / folder)

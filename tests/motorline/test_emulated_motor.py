@@ -7,6 +7,9 @@ import math
 
 import dynamixel_sdk
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
 from emulator import (
     HEADER,
     PING,
@@ -21,9 +24,6 @@ from emulator import (
     build_packet,
     crc16,
 )
-from hypothesis import given, settings
-from hypothesis import strategies as st
-
 from motorline import control_table as ct
 
 

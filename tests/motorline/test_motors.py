@@ -9,9 +9,9 @@ import sys
 import time
 
 import pytest
+
 from emulator import BROADCAST, PING, SYNC_WRITE, WRITE, EmulatedMotor, Emulator
 from faulty_motors import Fault, FaultyEmulator
-
 from motorline import FISH, XW540_T140, CommandTable, MotorError, MotorLimits, MotorSettings, fish_motor
 from motorline import control_table as ct
 from motorline.bus import Bus

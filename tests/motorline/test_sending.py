@@ -15,9 +15,9 @@ import tty
 from itertools import pairwise
 
 import pytest
+
 from emulator import READ, STATUS, EmulatedMotor, PacketParser, build_packet
 from faulty_motors import Fault, FaultyEmulator
-
 from motorline import FISH, CommandTable, MotorError, MotorLimits, MotorSettings, fish_motor
 from motorline import control_table as ct
 from motorline.bus import Bus

@@ -111,14 +111,14 @@ def demo(
 ) -> int:  # fmt: skip
     """Run the whole pipeline on an embedded example: no data, no network, no key.
 
-    Films a 'real' fish with hidden parameters, a finer time step, misplaced markers and glare in a synthetic pool,
-    tracks its markers, calibrates, evaluates on a held-out trial, draws intervals, and writes the report.
+    Tracks the markers of a 'real' fish with hidden parameters in the films that come with it, calibrates, evaluates on
+    a held-out trial, draws intervals, and writes the report.
 
     Args:
         out: Folder to write.
         budget: Simulation evaluations; by default it searches until it is done, for 90 s at most.
         seed: Decides the first point and every random choice.
-        full: Film all eight frequencies instead of four.
+        full: Take all eight films instead of four.
         resume: Continue an interrupted demo.
         quiet: Print no progress.
     """
@@ -127,13 +127,11 @@ def demo(
     from swim2real.cli.progress import films_shown
     from swim2real.cli.study import study_shown
     from swim2real.demo import (
-        DEMO_FREQUENCIES,
-        FULL_FREQUENCIES,
         DemoCallbacks,
         demo_settings,
-        film_and_track,
         fit,
         hidden_values,
+        track,
     )
     from swim2real.identification.finished_run import reopen
     from swim2real.identification.identifiability import outdated
@@ -142,10 +140,9 @@ def demo(
 
     began = time.monotonic()
     settings = demo_settings(budget, seed)
-    frequencies = FULL_FREQUENCIES if full else DEMO_FREQUENCIES
     with films_shown(quiet) as (on_frame, on_film):
         callbacks = DemoCallbacks((lambda text: None) if quiet else say, on_frame, on_film)
-        film_and_track(out, frequencies=frequencies, resume=resume, callbacks=callbacks)
+        track(out, full=full, resume=resume, callbacks=callbacks)
 
     def work(callbacks: RunCallbacks) -> Outcome:
         return fit(out, settings, callbacks.progress)

@@ -1,27 +1,26 @@
-"""The embedded example: a 'real' robot with hidden parameters in a synthetic pool, made at run time."""
+"""The embedded example: films of a 'real' fish with hidden parameters, tracked and calibrated."""
 
 from swim2real.demo.example import (
-    DEMO_FREQUENCIES,
-    FULL_FREQUENCIES,
+    FREQUENCIES,
     HELD_OUT,
+    MORE_FREQUENCIES,
     DemoCallbacks,
     demo_settings,
-    film_and_track,
     fit,
     hidden_values,
+    track,
 )
-from swim2real.demo.synthetic import SyntheticCamera, film_swims, synthetic_reference
+from swim2real.demo.synthetic import SyntheticCamera, synthetic_reference
 
 __all__ = [
-    "DEMO_FREQUENCIES",
-    "FULL_FREQUENCIES",
+    "FREQUENCIES",
     "HELD_OUT",
+    "MORE_FREQUENCIES",
     "DemoCallbacks",
     "SyntheticCamera",
     "demo_settings",
-    "film_and_track",
-    "film_swims",
     "fit",
     "hidden_values",
     "synthetic_reference",
+    "track",
 ]

@@ -1,31 +1,27 @@
-"""The whole pipeline on the embedded example: film, track, calibrate."""
+"""The whole pipeline on the embedded example: track, calibrate."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from pool import Glare, PoolCamera
 
-from markertrack.camera_file import CameraFile, write_camera
 from swim2real.calibration import Outcome, Progress
-from swim2real.demo.synthetic import film_swims, points_file
 from swim2real.pipeline import FrameProgress, TrackedVideo, calibrate, track_videos
 from swim2real.robots.fish import FISH
 from swim2real.settings import CalibrationSettings, TrackingSettings
 from swim2real.trials import TrialSet, load_reference
 from swimbase.errors import RunError, Swim2RealError
+from swimbase.store import reason, write_bytes
 
-DEMO_FREQUENCIES = (0.5, 0.75, 1.0, 1.25)
-FULL_FREQUENCIES = (0.5, 0.75, 1.0, 1.25, 1.5, 1.75, 2.0, 2.25)
+FILMS = Path(__file__).parent / "films"  # made by examples/swims.py
+FREQUENCIES = (0.5, 0.75, 1.0, 1.25)
+MORE_FREQUENCIES = (1.5, 1.75, 2.0, 2.25)  # of the films that only `--full` takes
 HELD_OUT = "f0_75"
 _MINUTES = 1.5  # of search
 _HIDDEN_SEED = 2026
-SECONDS = 4.0
-CAMERA = PoolCamera(width=1280, height=720, view=2.4, camera_height=3.5, glints=3.0)
-_GLARE = Glare(1.0, 1.15, over=(4, 5))  # in the last film
 # a fish that swims: the hidden parameters are drawn around these points of the cube, one per parameter group
 _CENTER, _SPREAD = np.repeat([0.55, 0.6, 0.5, 0.85, 0.5, 0.55, 0.55, 0.3], [1, 1, 1, 1, 1, 1, 5, 5]), 0.12
 
@@ -56,20 +52,18 @@ def demo_settings(budget: int | None = None, seed: int = 2, workers: int | None 
     return CalibrationSettings(budget=budget, minutes=minutes, seed=seed, hold_out=(HELD_OUT,), threads=workers)
 
 
-def film_and_track(
-    out: str | Path, *, frequencies: Sequence[float] = DEMO_FREQUENCIES, seconds: float = SECONDS,
-    camera: PoolCamera = CAMERA, resume: bool = False, workers: int | None = None,
-    callbacks: DemoCallbacks | None = None,
+def track(
+    out: str | Path, *, films: str | Path = FILMS, full: bool = False, resume: bool = False,
+    workers: int | None = None, callbacks: DemoCallbacks | None = None,
 ) -> TrialSet:  # fmt: skip
-    """Films a fish with hidden parameters, and tracks its markers.
+    """Tracks the markers in films of a fish with hidden parameters.
 
     Args:
         out: Folder; gets `videos/`, `camera.json` and `reference/`.
-        frequencies: Frequencies of the motor, one film each [Hz].
-        seconds: Length of each film [s].
-        camera: That films; the last film gets glare over two markers as well.
+        films: Folder of the films, `camera.json`, and beside each film its points.
+        full: Track all films of the folder, not those of `FREQUENCIES` alone.
         resume: Go on with an interrupted demo.
-        workers: Videos filmed or tracked at a time.
+        workers: Videos tracked at a time.
         callbacks: Called with the progress.
 
     Raises:
@@ -78,18 +72,20 @@ def film_and_track(
     folder, callbacks = Path(out), callbacks or DemoCallbacks()
     if not resume and any((folder / part).exists() for part in ("videos", "camera.json", "reference", "run")):
         raise RunError(f"'{folder}' holds a demo already; remove it, choose another --out or go on with --resume")
-    cameras = [(f, replace(camera, glares=(_GLARE,)) if f == frequencies[-1] else camera) for f in frequencies]
-    callbacks.line(f"Filming {len(frequencies)} swims of a fish with hidden parameters, {seconds:g} s each")
-    films = film_swims(
-        FISH, hidden_values(), cameras, seconds, _HIDDEN_SEED, folder / "videos", workers=workers,
-        on_done=lambda path: callbacks.line(f"{path}: filmed"),
-    )  # fmt: skip
-    # what a person can measure: how high the camera hangs over the head's markers
-    known = folder / "camera.json"
-    write_camera(known, CameraFile(camera_height=camera.camera_height - float(FISH.marker_heights[0])))
-    callbacks.line("Tracking the markers")
+    taken = {f"f{frequency:.2f}".replace(".", "_") for frequency in FREQUENCIES}
+    names = [path.stem for path in sorted(Path(films).glob("*.mp4")) if full or path.stem in taken]
+    videos = [folder / "videos" / f"{name}.mp4" for name in names]
+    points = [video.with_suffix(".points.json") for video in videos]
+    camera = folder / "camera.json"
+    try:
+        (folder / "videos").mkdir(parents=True, exist_ok=True)
+        for place in (camera, *videos, *points):
+            write_bytes(place, (Path(films) / place.name).read_bytes())
+    except OSError as error:
+        raise RunError(f"can't write folder '{folder}': {reason(error)}") from error
+    callbacks.line(f"Tracking the markers in {len(videos)} films of a fish with hidden parameters")
     results = track_videos(
-        films, [points_file(film) for film in films], FISH, TrackingSettings(camera=known), folder / "reference",
+        videos, points, FISH, TrackingSettings(camera=camera), folder / "reference",
         workers=workers, on_progress=callbacks.frame, on_done=callbacks.film,
     )  # fmt: skip
     for result in results:
