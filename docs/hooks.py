@@ -1,7 +1,8 @@
-"""Makes the pages of the site that are not written by hand, each time that it is built.
+"""Writes the parts of pages that the code decides: `python docs/hooks.py`, after a change of them.
 
-The command-line reference comes from the program's own help, the table of figures from the code; the home page, the
-contributor's guide, the changelog and the examples from the Markdown files beside the code.
+They stand between two comments, so that a page is complete as a file: the table of figures, and files shown as
+examples. The references of commands and Python are too long for that: each build of the site adds them, and the pages
+whose text stands elsewhere, such as the home page, the contributor's guide, the changelog and the examples.
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ SOURCES = {
 }
 COMMANDS = "reference/commands.md"  # what it has by hand comes first, then a section for each command
 ROOMS = "reference/rooms.md"  # likewise, then the public names of each room that exports any
-FIGURES = "<!-- figures -->"  # stands where the table of figures goes
+WRITTEN = re.compile(r"(<!-- written by docs/hooks\.py: (\S+) -->\n).*?(<!-- end -->)", re.DOTALL)
 LINK = re.compile(r"(!?)\[([^\]]*)\]\(([^)\s#]+)(#[^)\s]*)?\)")
 
 HELP = """
@@ -85,10 +86,18 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
             on_site = str(path.relative_to("docs"))
         return f"{image}[{text}]({os.path.relpath(on_site, Path(place).parent)}{anchor or ''})" if on_site else text
 
-    if FIGURES in markdown:
-        markdown = markdown.replace(FIGURES, _output(TABLE))
     generated = {COMMANDS: _commands, ROOMS: _rooms}.get(place, str)
     return LINK.sub(rewritten, markdown) + generated()
+
+
+def current(page: str) -> str:
+    """A page's text with the parts between its comments as the code now has them."""
+    return WRITTEN.sub(lambda found: f"{found[1]}\n{_part(found[2])}\n{found[3]}", page)
+
+
+def _part(name: str) -> str:
+    """The table of figures, or the file of that name as an example in Python."""
+    return _output(TABLE) if name == "figures" else f"```python\n{(ROOT / name).read_text('utf-8')}```\n"
 
 
 def _rooms() -> str:
@@ -119,3 +128,8 @@ def _commands() -> str:
             escaped = re.sub(r"([*_<>\[\]])", r"\\\1", description.strip())  # nothing in it is markup
             parts.append(f"### {name}\n\n{escaped}\n\n```text\n{usage}\n\n{options}\n```\n")
     return "\n".join(parts)
+
+
+if __name__ == "__main__":
+    for path in (ROOT / "docs").rglob("*.md"):
+        path.write_text(current(path.read_text("utf-8")), "utf-8", newline="\n")

@@ -1,7 +1,7 @@
 """A race of search methods on problems whose answer is known or bounded (race_problems.py), as data profiles.
 
     python experiments/race.py --problems demo hidden-0 --seeds 0 1 --seconds 100 --out runs/race
-    python experiments/race.py --out runs/race --figure docs/images/race.png    # draws and prints what is there
+    python experiments/race.py --out runs/race --figure runs/race.png    # draws and prints what is there
 
 Every contestant gets the same seconds of processor time, its own included, on one core, from the same random first
 point on (those that begin with a population of their own excepted). A run is a line of `runs.jsonl`: its improvements

@@ -1,6 +1,6 @@
 """Speed against recoil: how near the sets of `measure.py` come to real swims in both, as a chart.
 
-    python experiments/fish_response/trade_off.py tracks runs/response runs/extended docs/images/trade-off.png
+    python experiments/fish_response/trade_off.py tracks runs/response runs/extended runs/trade-off.png
 
 Every dot is a parameter set from rest: its mean difference from the real speed, and from the real yaw of the head, at
 the measured frequencies. The lines connect the sets that no other one beats in both.
