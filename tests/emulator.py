@@ -8,8 +8,8 @@ write, action, sync read and bulk packets (answered with an instruction error), 
 motor accelerates as its profile says, but no faster than `STEEPEST`, and reaches no speed beyond the data sheet's no
 load speed at 12 V. In position mode it takes the quickest way to its goal that the profile allows, and stops there.
 
-`python -m emulator [BAUD [ID[:MODEL] ...]]` serves motors on a pseudo-terminal until its standard
-input ends; without an id it is one, with id 1, and without a model an XW540-T140-R. `deploy --dry-run` uses it.
+`python tests/emulator.py [BAUD [ID[:MODEL] ...]]` serves motors on a pseudo-terminal until its standard input ends;
+without an id it is one, with id 1, and without a model an XW540-T140-R.
 """
 
 from __future__ import annotations
@@ -42,6 +42,28 @@ _TURN = 2 * math.pi  # rad
 _RPM = _TURN / 60  # rad/s
 _FRAME = 10  # bytes of an instruction besides its parameters
 _BITS = 10  # on the wire for a byte
+_RAM = ct.TORQUE_ENABLE.address  # registers below are kept without power, and locked while torque is on
+OVERHEATING = 0x04  # bit of the hardware error status
+_RETURN_DELAY_UNIT = 2e-6  # s
+ID, RETURN_DELAY = Register("ID", 7, 1), Register("Return Delay Time", 9, 1)  # which the program doesn't use
+_BY_ADDRESS = {register.address: register for register in (*ct.REGISTERS, ID, RETURN_DELAY)}
+# e-Manual, the page of each model: its speed without load at 12.0 V [rev/min] and its Temperature Limit (31) [°C]
+SOLD = {
+    "XW540-T140-R": (72, 80), "XL430-W250": (61, 72), "XM430-W210": (77, 80), "XM430-W350": (46, 80),
+    "XM540-W150": (53, 80), "XM540-W270": (30, 80),
+}  # fmt: skip
+_ANY = (-(2**31), 2**31 - 1)
+_RANGES = {  # of the registers that can be written
+    ID: (0, 252), RETURN_DELAY: (0, 254), ct.DRIVE_MODE: (0, 13), ct.OPERATING_MODE: (0, 16),
+    ct.HOMING_OFFSET: (-1_044_479, 1_044_479), ct.TEMPERATURE_LIMIT: (0, 100), ct.VELOCITY_LIMIT: (0, 1023),
+    ct.MAX_POSITION: (0, 4095), ct.MIN_POSITION: (0, 4095), ct.SHUTDOWN: (0, 63), ct.TORQUE_ENABLE: (0, 1),
+    ct.STATUS_RETURN_LEVEL: (0, 2), ct.BUS_WATCHDOG: (0, 127), ct.GOAL_VELOCITY: _ANY,
+    ct.PROFILE_ACCELERATION: (0, 32_767), ct.PROFILE_VELOCITY: (0, 32_767), ct.GOAL_POSITION: _ANY,
+}  # fmt: skip
+_DEFAULTS = {  # what isn't 0 in a motor as it is sold
+    ct.FIRMWARE: 45, RETURN_DELAY: 250, ct.OPERATING_MODE: ct.POSITION_MODE, ct.MAX_POSITION: 4095, ct.SHUTDOWN: 52,
+    ct.STATUS_RETURN_LEVEL: 2, ct.PRESENT_VOLTAGE: 120, ct.PRESENT_TEMPERATURE: 30,
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -135,14 +157,14 @@ class EmulatedMotor:
         self._last_packet = self._now
         self._speed = 0.0
         self._angle = angle
-        self._no_load = model.no_load * _RPM
-        self.temperature = ct.PRESENT_TEMPERATURE.default
-        for register in ct.REGISTERS:
-            self._set(register, register.default)
+        no_load, temperature_limit = SOLD[model.name]
+        self._no_load = no_load * _RPM
+        self.temperature = _DEFAULTS[ct.PRESENT_TEMPERATURE]
+        for register, value in _DEFAULTS.items():
+            self._set(register, value)
         for register, value in (
-            (ct.ID, device), (ct.MODEL_REGISTER, model.number), (ct.VELOCITY_LIMIT, model.velocity_limit),
-            (ct.TEMPERATURE_LIMIT, model.temperature_limit), (ct.MIN_VOLTAGE, model.voltages[0]),
-            (ct.MAX_VOLTAGE, model.voltages[1]),
+            (ID, device), (ct.MODEL_REGISTER, model.number), (ct.VELOCITY_LIMIT, model.velocity_limit),
+            (ct.TEMPERATURE_LIMIT, temperature_limit),
         ):  # fmt: skip
             self._set(register, value)
 
@@ -174,7 +196,7 @@ class EmulatedMotor:
 
     def answer(self, packet: Packet) -> bytes | None:
         """The bytes of the status packet; None where the motor doesn't answer."""
-        if packet.id not in (self._get(ct.ID), BROADCAST):
+        if packet.id not in (self._get(ID), BROADCAST):
             return None
         self._advance()
         self._last_packet = self._now
@@ -198,9 +220,9 @@ class EmulatedMotor:
             return self._sync_write(packet.parameters), b""
         if packet.instruction != REBOOT:
             return ct.INSTRUCTION_ERROR, b""
-        for register in ct.REGISTERS:
-            if not register.in_eeprom:
-                self._set(register, register.default)
+        for register in _BY_ADDRESS.values():
+            if register.address >= _RAM:
+                self._set(register, _DEFAULTS.get(register, 0))
         return 0, b""
 
     def _answers(self, instruction: int) -> bool:
@@ -223,7 +245,7 @@ class EmulatedMotor:
         changes: dict[Register, int] = {}
         while data:
             register = _BY_ADDRESS.get(address)
-            if register is None or not register.writable:
+            if register is None or register not in _RANGES:
                 return ct.ACCESS_ERROR
             if len(data) < register.size:
                 return ct.LENGTH_ERROR
@@ -239,17 +261,17 @@ class EmulatedMotor:
         """Writes this motor's share of a packet for several: address, size, then id and data of each."""
         size = int.from_bytes(parameters[2:4], "little")
         for start in range(4, len(parameters) - size, size + 1):
-            if parameters[start] == self._get(ct.ID):
+            if parameters[start] == self._get(ID):
                 return self._write(parameters[:2] + parameters[start + 1 : start + 1 + size])
         return 0
 
     def _write_error(self, register: Register, value: int) -> int:
-        if register.in_eeprom and self._get(ct.TORQUE_ENABLE):
+        if register.address < _RAM and self._get(ct.TORQUE_ENABLE):
             return ct.ACCESS_ERROR
         if register.address in _GOALS and self._get(ct.BUS_WATCHDOG) == ct.WATCHDOG_TRIPPED:
             return ct.RANGE_ERROR
-        low, high = register.low, register.high
-        if (low is not None and value < low) or (high is not None and value > high):
+        low, high = _RANGES[register]
+        if not low <= value <= high:
             return ct.RANGE_ERROR
         if register in (ct.GOAL_VELOCITY, ct.PROFILE_VELOCITY) and abs(value) > self._get(ct.VELOCITY_LIMIT):
             return ct.LIMIT_ERROR
@@ -279,7 +301,7 @@ class EmulatedMotor:
                 self._forget_profile()
         self._turn(until)
         if self.temperature > self._get(ct.TEMPERATURE_LIMIT):
-            self._set(ct.HARDWARE_ERROR, self._get(ct.HARDWARE_ERROR) | ct.OVERHEATING)
+            self._set(ct.HARDWARE_ERROR, self._get(ct.HARDWARE_ERROR) | OVERHEATING)
         if self._get(ct.HARDWARE_ERROR) & self._get(ct.SHUTDOWN):
             self._set(ct.TORQUE_ENABLE, 0)
         self._set(ct.PRESENT_VELOCITY, round(self._speed / ct.VELOCITY_UNIT))
@@ -341,9 +363,6 @@ class EmulatedMotor:
         self._table[register.address : register.address + register.size] = cells
 
 
-_BY_ADDRESS = {register.address: register for register in ct.REGISTERS}
-
-
 class Emulator:
     """Motors on a port of their own, served by a thread while the context is open.
 
@@ -397,7 +416,7 @@ class Emulator:
             answers = [(motor, answer) for motor in self.motors if (answer := motor.answer(packet)) is not None]
         answer, delay = None, 0.0
         if answers:
-            answer, delay = answers[0][1], answers[0][0].get(ct.RETURN_DELAY) * ct.RETURN_DELAY_UNIT
+            answer, delay = answers[0][1], answers[0][0].get(RETURN_DELAY) * _RETURN_DELAY_UNIT
         if self._baud:
             time.sleep((_FRAME + len(packet.parameters) + len(answer or b"")) * _BITS / self._baud + delay)
         return answer

@@ -6,7 +6,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import Literal
 
-from emulator import STATUS, Emulator, build_packet
+from emulator import ID, STATUS, Emulator, build_packet
 from motorline import control_table as ct
 
 OVERLOAD = 0x20
@@ -55,7 +55,7 @@ class FaultyEmulator(Emulator):
             raise OSError
         if "overheated" in active:
             for motor in self.motors:
-                if active["overheated"].device in (None, motor.get(ct.ID)):
+                if active["overheated"].device in (None, motor.get(ID)):
                     motor.temperature = motor.get(ct.TEMPERATURE_LIMIT) + 1
         if "overloaded" in active:  # as a motor says that is held fast
             for motor in self.motors:

@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 
 from motorline import control_table as ct
 from motorline.control_table import HardwareAlertError, MotorError, NoAnswerError, Register
-from swimbase.errors import ArgumentError, MissingExtraError
+from swimbase.errors import MissingExtraError
 
 try:
     import dynamixel_sdk
@@ -31,7 +31,6 @@ else:
 
 Answer = TypeVar("Answer")
 
-_USABLE_BAUDS = (57_600, 115_200, 1_000_000, 2_000_000, 3_000_000, 4_000_000)
 _WRITE_TIMEOUT = 0.1  # s
 _PING_ATTEMPTS = 30  # about a second
 _ATTEMPTS = 10  # at exchanges that aren't bound to a time; a busy computer misses some answers
@@ -70,9 +69,7 @@ class Bus:
             ArgumentError: The baud rate can't be used.
             MotorError: The port can't be opened.
         """
-        if baud not in _USABLE_BAUDS:
-            usable = ", ".join(map(str, _USABLE_BAUDS))
-            raise ArgumentError(f"{baud} baud can't be used for 50 commands a second; one of {usable} can")
+        ct.check_baud(baud)
         self.name, self.baud = port, baud
         self._packets: Any = dynamixel_sdk.PacketHandler(2.0)
         self._port = _Port(port, baud)

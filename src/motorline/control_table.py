@@ -2,7 +2,6 @@
 
 Source: ROBOTIS e-Manual, the page of each model (emanual.robotis.com/docs/en/dxl/x/xw540-t140) and Protocol 2.0
 (emanual.robotis.com/docs/en/dxl/protocol2). The registers used here have the same addresses and units in all of them.
-The defaults are those of the XW540-T140-R, the fish's motor.
 """
 
 from __future__ import annotations
@@ -10,14 +9,14 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from swimbase.errors import Swim2RealError
+from swimbase.errors import ArgumentError, Swim2RealError
 
 VELOCITY_UNIT = 0.229 * 2 * math.pi / 60  # rad/s; 0.229 rev/min
 ACCELERATION_UNIT = 214.577 * 2 * math.pi / 3600  # rad/s²; 214.577 rev/min²
 POSITION_UNIT = 2 * math.pi / 4096  # rad
 VOLTAGE_UNIT = 0.1  # V
 WATCHDOG_UNIT = 0.02  # s
-RETURN_DELAY_UNIT = 2e-6  # s
+BAUDS = (57_600, 115_200, 1_000_000, 2_000_000, 3_000_000, 4_000_000)  # those that 50 commands a second can use
 
 VELOCITY_MODE = 1
 POSITION_MODE = 3
@@ -36,7 +35,6 @@ HARDWARE_ERRORS = {
     0x10: "electrical shock or too little power",
     0x20: "overload",
 }
-OVERHEATING = 0x04
 
 
 @dataclass(frozen=True)
@@ -47,17 +45,11 @@ class Model:
         name: Name in the manual.
         number: Model number (0), with which it answers a ping.
         velocity_limit: Velocity Limit (44) [0.229 rev/min].
-        temperature_limit: Temperature Limit (31) [°C].
-        voltages: Min and Max Voltage Limit (34, 32) [0.1 V].
-        no_load: Speed without load at 12.0 V [rev/min].
     """
 
     name: str
     number: int
     velocity_limit: int
-    temperature_limit: int
-    voltages: tuple[int, int]
-    no_load: int
 
     @property
     def speed(self) -> float:
@@ -66,14 +58,14 @@ class Model:
 
 
 # e-Manual, docs/en/dxl/x/{xw540-t140, xl430-w250, xm430-w210, xm430-w350, xm540-w150, xm540-w270}: "Control Table of
-# EEPROM Area" and "Specifications"
+# EEPROM Area"
 _MODELS = (
-    Model("XW540-T140-R", 1180, 304, 80, (95, 160), 72),
-    Model("XL430-W250", 1060, 265, 72, (60, 140), 61),
-    Model("XM430-W210", 1030, 330, 80, (95, 160), 77),
-    Model("XM430-W350", 1020, 200, 80, (95, 160), 46),
-    Model("XM540-W150", 1130, 230, 80, (95, 160), 53),
-    Model("XM540-W270", 1120, 128, 80, (95, 160), 30),
+    Model("XW540-T140-R", 1180, 304),
+    Model("XL430-W250", 1060, 265),
+    Model("XM430-W210", 1030, 330),
+    Model("XM430-W350", 1020, 200),
+    Model("XM540-W150", 1130, 230),
+    Model("XM540-W270", 1120, 128),
 )
 MODELS = {model.name: model for model in _MODELS}
 XW540 = _MODELS[0]
@@ -93,70 +85,59 @@ class HardwareAlertError(MotorError):
 
 @dataclass(frozen=True)
 class Register:
-    """One entry of the control table. Values are unsigned unless `low` is below 0.
+    """One entry of the control table.
 
     Attributes:
         name: Name in the manual.
         address: First byte.
         size: Number of bytes.
-        low: Lowest value that can be written; None for any.
-        high: Highest value that can be written; None for any.
-        writable: Whether it can be written at all.
-        default: Value of a motor as it is sold.
+        signed: Whether its values may be below 0.
     """
 
     name: str
     address: int
     size: int
-    low: int | None = None
-    high: int | None = None
-    writable: bool = True
-    default: int = 0
-
-    @property
-    def signed(self) -> bool:
-        return self.low is not None and self.low < 0
-
-    @property
-    def in_eeprom(self) -> bool:
-        """Whether it is kept without power, and locked while torque is on."""
-        return self.address < TORQUE_ENABLE.address
+    signed: bool = False
 
     def __str__(self) -> str:
         return f"{self.name} ({self.address})"
 
 
-_ANY = (-(2**31), 2**31 - 1)
-
-MODEL_REGISTER = Register("Model Number", 0, 2, writable=False, default=XW540.number)
-FIRMWARE = Register("Firmware Version", 6, 1, writable=False, default=45)
-ID = Register("ID", 7, 1, 0, 252, default=1)
-BAUD_RATE = Register("Baud Rate", 8, 1, 0, 7, default=1)
-RETURN_DELAY = Register("Return Delay Time", 9, 1, 0, 254, default=250)
-DRIVE_MODE = Register("Drive Mode", 10, 1, 0, 13)
-OPERATING_MODE = Register("Operating Mode", 11, 1, 0, 16, default=3)
-HOMING_OFFSET = Register("Homing Offset", 20, 4, -1_044_479, 1_044_479)
-TEMPERATURE_LIMIT = Register("Temperature Limit", 31, 1, 0, 100, default=XW540.temperature_limit)
-MAX_VOLTAGE = Register("Max Voltage Limit", 32, 2, 95, 160, default=160)
-MIN_VOLTAGE = Register("Min Voltage Limit", 34, 2, 95, 160, default=95)
-VELOCITY_LIMIT = Register("Velocity Limit", 44, 4, 0, 1023, default=XW540.velocity_limit)
-MAX_POSITION = Register("Max Position Limit", 48, 4, 0, 4095, default=4095)
-MIN_POSITION = Register("Min Position Limit", 52, 4, 0, 4095)
-SHUTDOWN = Register("Shutdown", 63, 1, 0, 63, default=52)
-TORQUE_ENABLE = Register("Torque Enable", 64, 1, 0, 1)
-STATUS_RETURN_LEVEL = Register("Status Return Level", 68, 1, 0, 2, default=2)
-HARDWARE_ERROR = Register("Hardware Error Status", 70, 1, writable=False)
-BUS_WATCHDOG = Register("Bus Watchdog", 98, 1, 0, 127)
-GOAL_VELOCITY = Register("Goal Velocity", 104, 4, *_ANY)
-PROFILE_ACCELERATION = Register("Profile Acceleration", 108, 4, 0, 32_767)
-PROFILE_VELOCITY = Register("Profile Velocity", 112, 4, 0, 32_767)
-GOAL_POSITION = Register("Goal Position", 116, 4, *_ANY)
-PRESENT_VELOCITY = Register("Present Velocity", 128, 4, *_ANY, writable=False)
-PRESENT_POSITION = Register("Present Position", 132, 4, *_ANY, writable=False)
-PRESENT_VOLTAGE = Register("Present Input Voltage", 144, 2, writable=False, default=120)
-PRESENT_TEMPERATURE = Register("Present Temperature", 146, 1, writable=False, default=30)
+MODEL_REGISTER = Register("Model Number", 0, 2)
+FIRMWARE = Register("Firmware Version", 6, 1)
+DRIVE_MODE = Register("Drive Mode", 10, 1)
+OPERATING_MODE = Register("Operating Mode", 11, 1)
+HOMING_OFFSET = Register("Homing Offset", 20, 4, signed=True)
+TEMPERATURE_LIMIT = Register("Temperature Limit", 31, 1)
+VELOCITY_LIMIT = Register("Velocity Limit", 44, 4)
+MAX_POSITION = Register("Max Position Limit", 48, 4)
+MIN_POSITION = Register("Min Position Limit", 52, 4)
+SHUTDOWN = Register("Shutdown", 63, 1)
+TORQUE_ENABLE = Register("Torque Enable", 64, 1)
+STATUS_RETURN_LEVEL = Register("Status Return Level", 68, 1)
+HARDWARE_ERROR = Register("Hardware Error Status", 70, 1)
+BUS_WATCHDOG = Register("Bus Watchdog", 98, 1)
+GOAL_VELOCITY = Register("Goal Velocity", 104, 4, signed=True)
+PROFILE_ACCELERATION = Register("Profile Acceleration", 108, 4)
+PROFILE_VELOCITY = Register("Profile Velocity", 112, 4)
+GOAL_POSITION = Register("Goal Position", 116, 4, signed=True)
+PRESENT_VELOCITY = Register("Present Velocity", 128, 4, signed=True)
+PRESENT_POSITION = Register("Present Position", 132, 4, signed=True)
+PRESENT_VOLTAGE = Register("Present Input Voltage", 144, 2)
+PRESENT_TEMPERATURE = Register("Present Temperature", 146, 1)
 
 REGISTERS = tuple(entry for entry in list(globals().values()) if isinstance(entry, Register))
+
+
+def check_baud(baud: int) -> None:
+    """Refuses a baud rate that can't be used.
+
+    Raises:
+        ArgumentError: It is too low, or a motor doesn't have it.
+    """
+    if baud not in BAUDS:
+        usable = ", ".join(map(str, BAUDS))
+        raise ArgumentError(f"{baud} baud can't be used for 50 commands a second; one of {usable} can")
 
 
 def hardware_errors(status: int) -> str:

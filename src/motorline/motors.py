@@ -76,7 +76,6 @@ class Motor:
     Attributes:
         settings: What is known of it.
         identified: Whether it is the right model; until then, nothing is written to it.
-        goal: Register that commands are written to.
     """
 
     def __init__(self, bus: Bus, settings: MotorSettings, watchdog: float) -> None:
@@ -93,16 +92,6 @@ class Motor:
         self._id = settings.id
         self._watchdog = max(1, min(127, math.ceil(watchdog / ct.WATCHDOG_UNIT - 1e-9)))
         self._follows_speed = is_speed(settings.column)
-        self.goal = ct.GOAL_VELOCITY if self._follows_speed else ct.GOAL_POSITION
-        self._unit = ct.VELOCITY_UNIT if self._follows_speed else ct.POSITION_UNIT
-
-    def to_units(self, value: float) -> int:
-        """A command [rad/s or rad] in the motor's units: 0.229 rev/min or 1/4096 turn, rounded."""
-        return round((self.settings.zero + self.settings.direction * value) / self._unit)
-
-    def from_units(self, units: int) -> float:
-        """The command [rad/s or rad] that the motor's units stand for."""
-        return self.settings.direction * (units * self._unit - self.settings.zero)
 
     def identify(self) -> Identity:
         """Checks that the motor is the right model and fit to turn, and switches its torque off.
@@ -163,13 +152,7 @@ class Motor:
         s, limits = self.settings, self.settings.limits
         with self._named_alerts():
             own = self._read(ct.VELOCITY_LIMIT)
-            fastest = table.speed(s.column)
-            if round(fastest / ct.VELOCITY_UNIT) > own:
-                raise MotorError(
-                    f"the table asks {s} for {fastest:.3g} rad/s; its own Velocity Limit (44) is {own}, "
-                    f"{own * ct.VELOCITY_UNIT:.3g} rad/s: make the table slower, or raise the motor's limit with "
-                    f"Dynamixel Wizard"
-                )
+            s.check_speed(table, own)
             mode = ct.VELOCITY_MODE if self._follows_speed else ct.POSITION_MODE
             if self._read(ct.OPERATING_MODE) != mode:  # EEPROM, which wears with every write
                 self._write(ct.OPERATING_MODE, mode)
@@ -194,16 +177,16 @@ class Motor:
             NoAnswerError: No answer came.
             MotorError: The motor refused, has a hardware error or was stopped by its watchdog.
         """
-        units = self.to_units(value)
+        units = self.settings.to_units(value)
         with self._named_alerts():
             try:
-                self._bus.write(self._id, self.goal, units, attempts=1)
+                self._bus.write(self._id, self.settings.goal, units, attempts=1)
             except (HardwareAlertError, NoAnswerError):
                 raise
             except MotorError:
                 self.check_watchdog()
                 raise
-        return self.from_units(units)
+        return self.settings.from_units(units)
 
     def check_watchdog(self) -> None:
         """Looks whether the watchdog has stopped the motor, in one attempt.
@@ -269,20 +252,20 @@ class Motor:
         low, high = self._read(ct.MIN_POSITION), self._read(ct.MAX_POSITION)
 
         def own() -> str:
-            ends = sorted((self.from_units(low), self.from_units(high)))
+            ends = sorted((s.from_units(low), s.from_units(high)))
             return f"its own Min and Max Position Limit (52, 48) allow {ends[0]:.4g} to {ends[1]:.4g} rad"
 
         for angle in (min(angles), max(angles)):
-            if not low <= self.to_units(angle) <= high:
+            if not low <= s.to_units(angle) <= high:
                 raise MotorError(
                     f"the table asks {s} for {angle:.4g} rad; {own()}: change the table, zero in the motors file, or "
                     f"the motor's limits with Dynamixel Wizard"
                 )
         present = self._read(ct.PRESENT_POSITION) % _TURN  # what it is within one turn, once the torque is on
         if not low <= present <= high:
-            raise MotorError(f"{s} is at {self.from_units(present):.4g} rad; {own()}: turn it there by hand")
+            raise MotorError(f"{s} is at {s.from_units(present):.4g} rad; {own()}: turn it there by hand")
         self._write(ct.GOAL_POSITION, present)
-        return self.from_units(present)
+        return s.from_units(present)
 
     def _read(self, register: ct.Register) -> int:
         return self._bus.read(self._id, register)
@@ -391,12 +374,11 @@ class Motors:
         """
         if len(self.each) == 1:
             return (self.each[0].command(row[0]),)
-        units = [motor.to_units(value) for motor, value in zip(self.each, row, strict=True)]
+        units = [(m.settings, m.settings.to_units(value)) for m, value in zip(self.each, row, strict=True)]
         for goal in (ct.GOAL_VELOCITY, ct.GOAL_POSITION):
-            together = {m.settings.id: u for m, u in zip(self.each, units, strict=True) if m.goal is goal}
-            if together:
+            if together := {s.id: u for s, u in units if s.goal is goal}:
                 self.bus.write_together(goal, together)
-        return tuple(motor.from_units(u) for motor, u in zip(self.each, units, strict=True))
+        return tuple(s.from_units(u) for s, u in units)
 
     def stop(self) -> str:
         """Sets speeds 0, waits for rest and switches torque and watchdogs off, each even where the step before failed.

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from motorline.commands import ACCELERATION, FISH, XW540_T140, MotorLimits, is_speed, split_column
-from motorline.control_table import MODELS, POSITION_UNIT, XW540, Model
+from motorline import control_table as ct
+from motorline.commands import ACCELERATION, FISH, XW540_T140, CommandTable, MotorLimits, is_speed, split_column
+from motorline.control_table import MODELS, POSITION_UNIT, XW540, Model, MotorError, Register
 from swimbase.errors import ArgumentError
 from swimbase.store import MOST_TEXT, from_toml, read_bytes
 
@@ -60,6 +61,42 @@ class MotorSettings:
     def name(self) -> str:
         """The actuator's name in the column."""
         return split_column(self.column)[0]
+
+    @property
+    def goal(self) -> Register:
+        """The register that commands are written to."""
+        return ct.GOAL_VELOCITY if is_speed(self.column) else ct.GOAL_POSITION
+
+    @property
+    def _unit(self) -> float:
+        return ct.VELOCITY_UNIT if is_speed(self.column) else POSITION_UNIT
+
+    def to_units(self, value: float) -> int:
+        """A command [rad/s or rad] in the motor's units: 0.229 rev/min or 1/4096 turn, rounded."""
+        return round((self.zero + self.direction * value) / self._unit)
+
+    def from_units(self, units: int) -> float:
+        """The command [rad/s or rad] that the motor's units stand for."""
+        return self.direction * (units * self._unit - self.zero)
+
+    def check_speed(self, table: CommandTable, limit: int, whose: str = "its own") -> None:
+        """Refuses a table that is faster than a Velocity Limit (44).
+
+        Args:
+            table: Commands, with this motor's column.
+            limit: Velocity Limit [0.229 rev/min].
+            whose: What the message says before the limit's name.
+
+        Raises:
+            MotorError: The table asks for more.
+        """
+        fastest = table.speed(self.column)
+        if round(fastest / ct.VELOCITY_UNIT) > limit:
+            raise MotorError(
+                f"the table asks {self} for {fastest:.3g} rad/s; {whose} Velocity Limit (44) is {limit}, "
+                f"{limit * ct.VELOCITY_UNIT:.3g} rad/s: make the table slower, or raise the motor's limit with "
+                f"Dynamixel Wizard"
+            )
 
     def __str__(self) -> str:
         return f"motor {self.id}" if self.column == FISH else f"motor {self.name} (id {self.id})"

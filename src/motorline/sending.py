@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TextIO
 
 from motorline.commands import FISH, RATE, CommandTable, is_speed
-from motorline.control_table import MotorError, NoAnswerError
+from motorline.control_table import MotorError, NoAnswerError, check_baud
 from motorline.motors import Motors, Reading
 from motorline.motors_file import MotorSettings
 from motorline.schedule import Punctuality, Schedule
@@ -87,14 +87,14 @@ def send(
         sent_at = bus.written_at - schedule.start
         if bus.written_at - before > motors.watchdog:
             readings.doubt_all()
-        turn = None
+        turn: tuple[str, bool, Reading | None] | None = None
         if (several and k - asked_at >= _LONGEST_UNREAD) or schedule.left(k + 1) > reading_takes:
             asked_at, turn = k, readings.next()
         if log:
-            asked = [turn.motor, str(int(turn.answered))] if turn else ["", ""]
+            asked = [turn[0], str(int(turn[1]))] if turn else ["", ""]
             cells = [f"{k / RATE:.2f}", f"{sent_at:.6f}", *(f"{command:.6f}" for command in wanted)]
             cells += asked if several else [str(int(answered))]
-            cells += _reading_cells(turn.reading if turn else None, bus.written_at - schedule.start)
+            cells += _reading_cells(turn[2] if turn else None, bus.written_at - schedule.start)
             log.write(",".join(cells) + "\n")
     complete = last == len(table.rows) - 1
     if complete:
@@ -103,21 +103,6 @@ def send(
         Punctuality.of(lateness, schedule.skipped), unanswered, readings.unread, (last + 1) / RATE, complete,
         max(readings.temperatures, default=None), min(readings.voltages, default=None),
     )  # fmt: skip
-
-
-@dataclass(frozen=True)
-class _Turn:
-    """One motor that was asked.
-
-    Attributes:
-        motor: Its name.
-        answered: Whether it answered.
-        reading: What it does; None where it didn't answer, or was asked something else.
-    """
-
-    motor: str
-    answered: bool
-    reading: Reading | None = None
 
 
 class _Readings:
@@ -144,8 +129,11 @@ class _Readings:
         """Notes that the watchdogs of all motors may have stopped them."""
         self._doubted = [len(self._motors) > 1] * len(self._motors)  # one motor's answers to commands tell
 
-    def next(self) -> _Turn:
+    def next(self) -> tuple[str, bool, Reading | None]:
         """Asks the motor whose turn it is.
+
+        Returns:
+            Its name, whether it answered, and what it does: None without an answer, or where its watchdog was asked.
 
         Raises:
             MotorError: It has failed, was stopped by its watchdog, or doesn't answer for too long.
@@ -168,20 +156,21 @@ class _Readings:
                 raise MotorError(
                     f"{motor.settings}: {self._most} readings in a row without an answer: {error}"
                 ) from error
-            return _Turn(motor.settings.name, False)
+            return motor.settings.name, False, None
         self._missing[k] = 0
         if reading and reading.temperature is not None and reading.voltage is not None:
             self.temperatures.append(reading.temperature)
             self.voltages.append(reading.voltage)
-        return _Turn(motor.settings.name, True, reading)
+        return motor.settings.name, True, reading
 
 
 def check_time(motors: Sequence[MotorSettings], baud: int) -> None:
     """Refuses more motors than can be commanded, and one of them read back, between two commands.
 
     Raises:
-        ArgumentError: The bus is too slow for them.
+        ArgumentError: The baud rate can't be used, or is too low for them.
     """
+    check_baud(baud)
     takes = (_command_bytes(motors) + _READING_BYTES) * 10 / baud + _READING_EXTRA
     if len(motors) > 1 and takes > _MOST_TIME / RATE:
         raise ArgumentError(

@@ -12,9 +12,11 @@ from hypothesis import strategies as st
 
 from emulator import (
     HEADER,
+    ID,
     PING,
     READ,
     REBOOT,
+    SOLD,
     STATUS,
     STEEPEST,
     WRITE,
@@ -74,8 +76,8 @@ def bench():
 @pytest.mark.parametrize("model", ct.MODELS.values())
 def test_each_model_is_as_it_is_sold(model):
     motor = EmulatedMotor(9, model)
-    sold = (model.number, 9, model.velocity_limit, model.temperature_limit, 3, 52)
-    registers = (ct.MODEL_REGISTER, ct.ID, ct.VELOCITY_LIMIT, ct.TEMPERATURE_LIMIT, ct.OPERATING_MODE, ct.SHUTDOWN)
+    sold = (model.number, 9, model.velocity_limit, SOLD[model.name][1], 3, 52)
+    registers = (ct.MODEL_REGISTER, ID, ct.VELOCITY_LIMIT, ct.TEMPERATURE_LIMIT, ct.OPERATING_MODE, ct.SHUTDOWN)
     assert tuple(map(motor.get, registers)) == sold
 
 
@@ -136,7 +138,7 @@ def test_it_turns_at_the_goal_with_the_acceleration_it_was_given_and_runs_out_wi
 
 
 def test_backwards_and_no_faster_than_it_can(bench):
-    no_load = ct.XW540.no_load * 2 * math.pi / 60
+    no_load = SOLD[ct.XW540.name][0] * 2 * math.pi / 60
     bench.motor.set(ct.VELOCITY_LIMIT, 1023)
     bench.turning(-1000)
     bench.now += no_load / STEEPEST + 0.01

@@ -87,7 +87,7 @@ def test_registers_of_every_size_and_sign(emulated):
 def test_a_value_that_looks_like_a_header_arrives(emulated):
     value = int.from_bytes(b"\xff\xff\xfd\x00", "little")
     with Bus(emulated.port) as bus, pytest.raises(MotorError, match="beyond the motor's own limit"):
-        bus.write(1, ct.Register("goal", 104, 4, 0), value)
+        bus.write(1, ct.Register("goal", 104, 4), value)
     assert emulated.packets[-1][1].parameters == b"\x68\x00\xff\xff\xfd\x00"
 
 

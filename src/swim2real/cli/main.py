@@ -19,11 +19,11 @@ from typing import Any, get_type_hints
 
 import tyro
 
+from motorline.deploying import deploy
 from swim2real import __version__, consent
 from swim2real.cli.board import board
 from swim2real.cli.calibrate import calibrate, demo
 from swim2real.cli.compare import compare
-from swim2real.cli.deploy import deploy
 from swim2real.cli.film import cut, fetch, import_tracks, pick, quality, track
 from swim2real.cli.policy import export_commands, rollout, train
 from swim2real.cli.recording import import_recording
