@@ -151,11 +151,6 @@ class Bus:
 
         _repeat(exchange, attempts)
 
-    def write_unanswered(self, device: int, register: Register, value: int) -> None:
-        """Sets a register of a motor that may not answer writes."""
-        what, cells = f"writing {value} to {register}", _cells(register, value)
-        self._call(device, what, self._packets.writeTxOnly, device, register.address, register.size, cells)
-
     def write_together(self, register: Register, values: Mapping[int, int]) -> None:
         """Sets a register of several motors in one packet (Sync Write), which none of them answers.
 

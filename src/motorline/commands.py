@@ -213,13 +213,13 @@ def read_table(path: str | Path) -> CommandTable:
     file = Path(path)
     try:
         text = read_text(file, MOST_TABLE, "utf-8-sig")
-        cells = list(csv.reader(io.StringIO(text, newline=""))) if text.count("\n") <= MOST_ROWS else None
+        if text.count("\n") > MOST_ROWS:
+            raise ArgumentError(f"{file.name}: more than {MOST_ROWS} rows; send it in parts")
+        cells = list(csv.reader(io.StringIO(text, newline="")))
     except OSError as error:
         raise ArgumentError(f"command table '{file}' can't be read: {error.strerror or error}") from error
     except (ValueError, csv.Error) as error:
         raise ArgumentError(f"command table '{file}' is not a CSV text file: {error}") from error
-    if cells is None:
-        raise ArgumentError(f"{file.name}: more than {MOST_ROWS} rows; send it in parts")
     header = tuple(cell.strip() for cell in cells[0]) if cells else ()
     if problem := _header_problem(header):
         raise ArgumentError(f"{file.name} line 1: the header is '{','.join(header)}'; {problem}")

@@ -59,8 +59,9 @@ class Model:
 
 # e-Manual, docs/en/dxl/x/{xw540-t140, xl430-w250, xm430-w210, xm430-w350, xm540-w150, xm540-w270}: "Control Table of
 # EEPROM Area"
+XW540 = Model("XW540-T140-R", 1180, 304)
 _MODELS = (
-    Model("XW540-T140-R", 1180, 304),
+    XW540,
     Model("XL430-W250", 1060, 265),
     Model("XM430-W210", 1030, 330),
     Model("XM430-W350", 1020, 200),
@@ -68,7 +69,6 @@ _MODELS = (
     Model("XM540-W270", 1120, 128),
 )
 MODELS = {model.name: model for model in _MODELS}
-XW540 = _MODELS[0]
 
 
 class MotorError(Swim2RealError):
@@ -92,12 +92,14 @@ class Register:
         address: First byte.
         size: Number of bytes.
         signed: Whether its values may be below 0.
+        unit: What one stands for in a goal [rad/s or rad].
     """
 
     name: str
     address: int
     size: int
     signed: bool = False
+    unit: float = 1.0
 
     def __str__(self) -> str:
         return f"{self.name} ({self.address})"
@@ -117,10 +119,10 @@ TORQUE_ENABLE = Register("Torque Enable", 64, 1)
 STATUS_RETURN_LEVEL = Register("Status Return Level", 68, 1)
 HARDWARE_ERROR = Register("Hardware Error Status", 70, 1)
 BUS_WATCHDOG = Register("Bus Watchdog", 98, 1)
-GOAL_VELOCITY = Register("Goal Velocity", 104, 4, signed=True)
+GOAL_VELOCITY = Register("Goal Velocity", 104, 4, signed=True, unit=VELOCITY_UNIT)
 PROFILE_ACCELERATION = Register("Profile Acceleration", 108, 4)
 PROFILE_VELOCITY = Register("Profile Velocity", 112, 4)
-GOAL_POSITION = Register("Goal Position", 116, 4, signed=True)
+GOAL_POSITION = Register("Goal Position", 116, 4, signed=True, unit=POSITION_UNIT)
 PRESENT_VELOCITY = Register("Present Velocity", 128, 4, signed=True)
 PRESENT_POSITION = Register("Present Position", 132, 4, signed=True)
 PRESENT_VOLTAGE = Register("Present Input Voltage", 144, 2)

@@ -6,9 +6,8 @@ import json
 import math
 import signal
 import sys
-import threading
 from collections.abc import Generator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TextIO
@@ -18,7 +17,7 @@ from motorline.control_table import MotorError
 from motorline.motors import APPROACH, Identity, Motors
 from motorline.motors_file import MotorSettings, fish_motor, read_motors
 from motorline.schedule import ON_TIME, real_time_priority
-from motorline.sending import SendingResult, check_time, log_file, log_header, send
+from motorline.sending import SendingResult, check_time, open_log, send
 from swimbase.errors import ArgumentError
 from swimbase.escaping import visible
 
@@ -197,8 +196,8 @@ def _send(options: DeployOptions, port: str, table: CommandTable, settings: Sequ
     from motorline.bus import Bus  # which brings the motors' library
 
     with (
-        _noted_signals() as signals, log_file(options.log, log_header(settings)) as log, Bus(port, options.baud) as bus,
-        Motors(bus, settings) as motors,
+        _noted_signals() as signals, open_log(options.log, settings) if options.log else nullcontext() as log,
+        Bus(port, options.baud) as bus, Motors(bus, settings) as motors,
     ):  # fmt: skip
         identities = motors.identify()
         for motor, identity in zip(settings, identities, strict=True):
@@ -224,13 +223,9 @@ def _send(options: DeployOptions, port: str, table: CommandTable, settings: Sequ
 
 @contextmanager
 def _noted_signals() -> Generator[list[str]]:
-    """Notes the names of signals that come, so that none cuts an exchange with a motor in two.
-
-    In other threads than the main one nothing is noted, and Ctrl-C stays as it is.
-    """
+    """Notes the names of signals that come, so that none cuts an exchange with a motor in two."""
     noted: list[str] = []
-    here = threading.current_thread() is threading.main_thread()
-    numbers = [number for name in _SIGNALS if here and (number := getattr(signal, name, None))]
+    numbers = [getattr(signal, name) for name in _SIGNALS if hasattr(signal, name)]
     before = [signal.signal(n, lambda n, _: noted.append(signal.Signals(n).name)) for n in numbers]
     try:
         yield noted
@@ -262,10 +257,8 @@ def _summary(result: SendingResult, real_time: bool) -> str:
 
 
 def _as_dict(result: SendingResult, table: CommandTable, real_time: bool) -> dict[str, object]:
-    p = result.punctuality
-    return {
-        "complete": result.complete, "seconds": result.seconds, "commands": len(table.rows), "sent": p.sent,
-        "skipped": p.skipped, "on_time_share": p.on_time_share,
-        "lateness": {"median": p.median, "percentile_99": p.percentile_99, "worst": p.worst},
-        "unanswered": result.unanswered, "unread": result.unread, "real_time_priority": real_time,
-    }  # fmt: skip
+    figures, lateness = asdict(result), asdict(result.punctuality)
+    del figures["punctuality"]
+    counts = {name: lateness.pop(name) for name in ("sent", "skipped", "on_time_share")}
+    about = {"commands": len(table.rows), "real_time_priority": real_time}
+    return {**figures, **counts, **about, "lateness": lateness}

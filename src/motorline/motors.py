@@ -6,7 +6,7 @@ import logging
 import math
 import time
 from collections.abc import Callable, Generator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -280,8 +280,8 @@ class Motor:
         except NoAnswerError:
             answers = False
         if not answers:
-            self._bus.write_unanswered(self._id, ct.STATUS_RETURN_LEVEL, 2)
-            time.sleep(0.05)
+            with suppress(NoAnswerError):  # which may be the last one that it keeps to itself
+                self._bus.write(self._id, ct.STATUS_RETURN_LEVEL, 2, attempts=1)
 
     @contextmanager
     def _named_alerts(self) -> Generator[None]:

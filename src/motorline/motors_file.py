@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -67,17 +68,13 @@ class MotorSettings:
         """The register that commands are written to."""
         return ct.GOAL_VELOCITY if is_speed(self.column) else ct.GOAL_POSITION
 
-    @property
-    def _unit(self) -> float:
-        return ct.VELOCITY_UNIT if is_speed(self.column) else POSITION_UNIT
-
     def to_units(self, value: float) -> int:
         """A command [rad/s or rad] in the motor's units: 0.229 rev/min or 1/4096 turn, rounded."""
-        return round((self.zero + self.direction * value) / self._unit)
+        return round((self.zero + self.direction * value) / self.goal.unit)
 
     def from_units(self, units: int) -> float:
         """The command [rad/s or rad] that the motor's units stand for."""
-        return self.direction * (units * self._unit - self.zero)
+        return self.direction * (units * self.goal.unit - self.zero)
 
     def check_speed(self, table: CommandTable, limit: int, whose: str = "its own") -> None:
         """Refuses a table that is faster than a Velocity Limit (44).
@@ -158,14 +155,12 @@ def read_motors(path: str | Path, columns: Sequence[str]) -> tuple[MotorSettings
             f"remove the motor, or add {unknown}_rad or {unknown}_rad_s to the table"
         )
     motors = tuple(_motor(file.name, name, column, entries[name]) for name, column in by_name.items())
-    by_id: dict[int, str] = {}
-    for motor in motors:
-        if motor.id in by_id:
+    for one, other in combinations(motors, 2):
+        if one.id == other.id:
             raise ArgumentError(
-                f"{file.name}: motors {by_id[motor.id]} and {motor.name} both have id {motor.id}; each needs its own "
+                f"{file.name}: motors {one.name} and {other.name} both have id {one.id}; each needs its own "
                 f"(Dynamixel Wizard sets it)"
             )
-        by_id[motor.id] = motor.name
     return motors
 
 

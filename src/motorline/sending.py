@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Generator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TextIO
@@ -17,7 +16,6 @@ from motorline.schedule import Punctuality, Schedule
 from swimbase.errors import ArgumentError
 
 _READ = ("read_s", "velocity_rad_s", "position_rad", "voltage_v", "temperature_c")
-LOG_HEADER = ("due_s", "sent_s", "command_rad_s", "answered", *_READ)
 _MOST_UNANSWERED = 10  # exchanges in a row without an answer before sending ends; the watchdog is as quick
 _FEWEST_UNANSWERED = 3  # of one motor among several
 _WHOLE_EVERY = RATE // 2  # readings of a motor; the first of them has voltage and temperature
@@ -181,26 +179,25 @@ def check_time(motors: Sequence[MotorSettings], baud: int) -> None:
 
 
 def log_header(motors: Sequence[MotorSettings]) -> tuple[str, ...]:
-    """The columns of the log: the fish's motor has `LOG_HEADER`; others are named."""
-    if [motor.column for motor in motors] == [FISH]:
-        return LOG_HEADER
+    """The columns of the log: the command of the fish's motor has no name; those of others have."""
+    columns = [motor.column for motor in motors]
+    commands = [f"command_{column}" for column in (["rad_s"] if columns == [FISH] else columns)]
     asked = ("answered",) if len(motors) == 1 else ("motor", "answered")
-    return ("due_s", "sent_s", *(f"command_{motor.column}" for motor in motors), *asked, *_READ)
+    return ("due_s", "sent_s", *commands, *asked, *_READ)
 
 
-@contextmanager
-def log_file(path: Path | None, header: Sequence[str]) -> Generator[TextIO | None]:
-    """Opens a log that is written line by line, so that it is complete whatever happens; yields None without a path."""
-    if path is None:
-        yield None
-        return
+def open_log(path: Path, motors: Sequence[MotorSettings]) -> TextIO:
+    """Opens a log that is written line by line, so that it is complete whatever happens, and writes its header.
+
+    Raises:
+        ArgumentError: The file can't be written.
+    """
     try:
         file = path.open("w", buffering=1, encoding="utf-8")
     except OSError as error:
         raise ArgumentError(f"log '{path}' can't be written: {error.strerror or error}") from error
-    with file:
-        file.write(",".join(header) + "\n")
-        yield file
+    file.write(",".join(log_header(motors)) + "\n")
+    return file
 
 
 def _command_bytes(motors: Sequence[MotorSettings]) -> int:

@@ -1,6 +1,7 @@
 """`swim2real deploy`: what it prints, refuses, logs; and how its end stops the motor."""
 
 import csv
+import math
 import os
 import signal
 import threading
@@ -10,7 +11,7 @@ from contextlib import contextmanager
 import pytest
 from program import process
 
-from emulator import EmulatedMotor, Emulator
+from emulator import SYNC_WRITE, WRITE, EmulatedMotor, Emulator
 from faulty_motors import Fault, FaultyEmulator
 from motorline import FISH, CommandTable, control_table, write_table
 
@@ -68,48 +69,93 @@ def swimming(path):
             program.communicate()
 
 
-def test_a_dry_run(program, table, tmp_path):
-    log = tmp_path / "log.csv"
-    out = program("deploy", table([2.0] * 20), "--dry-run", "--log", log, "--repeat", 2).done().out
-    assert "50 commands, 1.00 s at 50 Hz; fastest 2.00 rad/s (limit 7.29), steepest 20.0 rad/s² (limit 100)" in out
-    assert "Ramps from and to rest added 10 commands, 0.20 s" in out
-    assert "Emulated motor 1 on /dev/pts/" in out
-    assert "XW540-T140-R, firmware 45, 12.0 V, 30 °C (limit 80), own limit 7.29 rad/s" in out
+def goals(emulator, device):
+    """The values that were sent to a motor's goal, by a packet of its own or one for several."""
+    for _, packet in emulator.packets:
+        address, content = int.from_bytes(packet.parameters[:2], "little"), packet.parameters[2:]
+        if address in (control_table.GOAL_VELOCITY.address, control_table.GOAL_POSITION.address):
+            if packet.instruction == SYNC_WRITE:
+                shares = {content[k]: content[k + 1 : k + 5] for k in range(2, len(content), 5)}
+                content = shares.get(device, b"")
+            elif packet.instruction != WRITE or packet.id != device:
+                content = b""
+            if content:
+                yield int.from_bytes(content, "little", signed=True)
+
+
+def test_what_a_dry_run_prints_is_what_is_sent(program, table, tmp_path):
+    log, words = tmp_path / "log.csv", ["deploy", table([2.0] * 20), "--repeat", 2]
+    program(*words, "--dry-run").done()
+    summary = "50 commands, 1.00 s at 50 Hz; fastest 2.00 rad/s (limit 7.29), steepest 20.0 rad/s² (limit 100)"
+    assert summary in program.err
+    assert "Ramps from and to rest added 10 commands, 0.20 s" in program.err
+    assert "Nothing was sent: it would be 50 commands, 1.00 s, 50 values\n" in program.err
+    plan = list(csv.DictReader(program.out.splitlines()))
+    assert {(row["id"], row["register"]) for row in plan} == {("1", "Goal Velocity (104)")}
+    value = {float(row["time_s"]): int(row["value"]) for row in plan}
+    assert list(value) == [k / 50 for k in range(50)]
+    with Emulator() as emulator:
+        out = program(*words, "--port", emulator.port, "--log", log).done().out
+    assert summary in out
+    assert f"Motor 1 on {emulator.port}: XW540-T140-R, firmware 45, 12.0 V, 30 °C (limit 80), own limit 7.29" in out
     assert "of their time, 99th percentile" in out
     rows = list(csv.DictReader(log.read_text().splitlines()))
-    sent = [row for row in rows if row["answered"] == "1"]
-    assert [float(row["due_s"]) for row in rows] == sorted({float(row["due_s"]) for row in rows})
+    sent = [value[float(row["due_s"])] for row in rows]  # but for those that a busy machine skips
+    assert list(goals(emulator, 1))[1 : len(sent) + 1] == sent  # after the goal that means rest
     assert all(float(row["sent_s"]) >= float(row["due_s"]) for row in rows)
-    assert max(float(row["command_rad_s"]) for row in sent) == pytest.approx(2.0, abs=0.012)
+    assert max(float(row["command_rad_s"]) for row in rows) == pytest.approx(2.0, abs=0.012)
     read = [row for row in rows if row["velocity_rad_s"]]
     assert max(float(row["velocity_rad_s"]) for row in read) == pytest.approx(2.0, abs=0.03)
     assert (read[0]["voltage_v"], read[0]["temperature_c"]) == ("12.0", "30")
-    assert "Clipping changed 1 commands" in program("deploy", table([0.0, 9.0, 0.0]), "--dry-run", "--clip").done().out
+    program("deploy", table([0.0, 9.0, 0.0]), "--dry-run", "--clip").done()
+    assert "Clipping changed 1 commands" in program.err
 
 
-def test_a_dry_run_with_a_motors_file(program, motors, tmp_path):
+def test_what_a_dry_run_with_a_motors_file_prints_is_what_is_sent(program, motors, tmp_path):
     log = tmp_path / "log.csv"
-    out = program("deploy", *motors(), "--dry-run", "--approach", 2, "--log", log).done().out
-    assert "46 commands, 0.92 s at 50 Hz\nhead_rad: 0.20 to 0.20 rad (limits -1.00 to 1.00), fastest 0.00 rad/s" in out
-    assert "wheel_rad_s: fastest 3.00 rad/s (limit 7.29), steepest 18.8 rad/s² (limit 100)" in out
-    assert "Emulated motor head (id 2) on /dev/pts/" in out
+    program("deploy", *motors(), "--dry-run").done()
+    summary = "46 commands, 0.92 s at 50 Hz\nhead_rad: 0.20 to 0.20 rad (limits -1.00 to 1.00), fastest 0.00 rad/s"
+    assert summary in program.err
+    assert "wheel_rad_s: fastest 3.00 rad/s (limit 7.29), steepest 18.8 rad/s² (limit 100)" in program.err
+    assert "92 values; before them, head would move from the present angle to the first row's" in program.err
+    value = {
+        (float(row["time_s"]), row["id"], row["register"]): int(row["value"])
+        for row in csv.DictReader(program.out.splitlines())
+    }
+    assert len(value) == 2 * 46
+    head = EmulatedMotor(2, control_table.MODELS["XL430-W250"], angle=math.pi)
+    with Emulator(head, EmulatedMotor(3)) as emulator:
+        out = program("deploy", *motors(), "--port", emulator.port, "--approach", 2, "--log", log).done().out
+    assert summary in out
+    assert "Motor head (id 2) on /dev/pts/" in out
     assert "XL430-W250, firmware 45, 12.0 V, 30 °C (limit 72), own limit 6.35 rad/s" in out
     assert "The way to the first angles adds 5 commands, 0.10 s" in out
     rows = list(csv.DictReader(log.read_text().splitlines()))
     assert list(rows[0])[:6] == ["due_s", "sent_s", "command_head_rad", "command_wheel_rad_s", "motor", "answered"]
+    due = [round(float(row["due_s"]) - 0.1, 2) for row in rows if float(row["due_s"]) > 0.09]
+    before = 1 + len(rows) - len(due)  # the goal that means rest, and the way to the first angles
+    for device, register in ((2, "Goal Position (116)"), (3, "Goal Velocity (104)")):
+        sent = [value[time, str(device), register] for time in due]
+        assert list(goals(emulator, device))[before : before + len(sent)] == sent
     wheel = [float(row["velocity_rad_s"]) for row in rows if row["motor"] == "wheel" and row["velocity_rad_s"]]
     assert max(wheel) == pytest.approx(3.0, abs=0.03)
-    head = [float(row["position_rad"]) for row in rows if row["motor"] == "head" and row["position_rad"]]
-    assert head[-1] == pytest.approx(0.2, abs=0.01)
+    angles = [float(row["position_rad"]) for row in rows if row["motor"] == "head" and row["position_rad"]]
+    assert angles[-1] == pytest.approx(0.2, abs=0.01)
 
 
 def test_json(program, table, motors):
-    figures = program("deploy", table([0.0, 1.0, 0.0]), "--dry-run", "--json", "--id", 3).done().json
+    words = ["deploy", table([0.0, 1.0, 0.0]), "--json", "--id", 3]
+    plan = program(*words, "--dry-run").done().json
+    assert (plan["commands"], plan["seconds"], program.err) == (3, 0.06, "")
+    assert plan["writes"][1] == {"time_s": 0.02, "id": 3, "register": "Goal Velocity (104)", "value": 42}
+    with Emulator(EmulatedMotor(3)) as emulator:
+        figures = program(*words, "--port", emulator.port).done().json
     assert figures["complete"]
-    assert figures["emulated"]
     assert figures["commands"] == figures["sent"] + figures["skipped"] == 3
     assert figures["motor"]["velocity_limit"] == pytest.approx(7.29, abs=0.01)
-    figures = program("deploy", *motors(5), "--dry-run", "--json").done().json
+    head = EmulatedMotor(2, control_table.MODELS["XL430-W250"], angle=math.pi)
+    with Emulator(head, EmulatedMotor(3)) as emulator:
+        figures = program("deploy", *motors(5), "--port", emulator.port, "--json").done().json
     assert figures["motors"]["head"]["model"] == "XL430-W250"
 
 
@@ -128,7 +174,14 @@ def test_json(program, table, motors):
             "the command at 0.00 s is 3 rad/s; the limits are -2.5 to 2.5 rad/s",
         ),
         ([0.0], ["--port", "/dev/none"], 1, "serial port /dev/none can't be opened (No such file or directory)"),
-        ([0.0], ["--dry-run", "--log", "/none/log.csv"], 2, "log '/none/log.csv' can't be written: No such file"),
+        ([0.0], ["--port", "x", "--log", "/none/log.csv"], 2, "log '/none/log.csv' can't be written: No such file"),
+        ([0.0], ["--dry-run", "--log", "log.csv"], 2, "--log is log.csv, and a dry run sends nothing to log"),
+        (
+            [7.8] * 9,
+            ["--dry-run", "--max-speed", "9"],
+            1,
+            "the table asks motor 1 for 7.8 rad/s; as sold, its Velocity Limit (44) is 304, 7.29 rad/s",
+        ),
     ],
 )
 def test_refusals(program, table, speeds, words, code, sentence):

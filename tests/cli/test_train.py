@@ -87,7 +87,7 @@ def test_export_commands_writes_a_table_that_deploy_takes(run, program, tmp_path
     lines = table.read_text().splitlines()
     assert lines[0] == "time_s,velocity_rad_s"
     assert len(lines) - 1 == about["commands"] >= 50
-    program("deploy", table, "--dry-run", "--log", tmp_path / "log.csv").done()
+    program("deploy", table, "--dry-run").done()
     beside = tmp_path / "commands.expected.json"
     assert about["expected"] == str(beside)
     expected = read_expected_run(beside)
