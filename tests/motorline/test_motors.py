@@ -7,9 +7,11 @@ import math
 import re
 import sys
 import time
+from pathlib import Path
 
 import pytest
 
+import motorline
 from emulator import BROADCAST, PING, SYNC_WRITE, WRITE, EmulatedMotor, Emulator
 from faulty_motors import Fault, FaultyEmulator
 from motorline import FISH, XW540_T140, CommandTable, MotorError, MotorLimits, MotorSettings, fish_motor
@@ -365,3 +367,13 @@ def test_more_motors_than_the_line_has_time_for():
     check_time(motors * 8, 1_000_000)
     with pytest.raises(ArgumentError, match=r"at 57600 baud a command to 6 motors and a reading of one take 19\.3 ms"):
         check_time(motors, 57_600)
+
+
+def test_the_example_of_the_readme_is_right(emulated):
+    text = (Path(motorline.__file__).parent / "README.md").read_text(encoding="utf-8")
+    (example,) = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
+    names = {}
+    exec(example.replace("/dev/ttyUSB0", emulated.port), names)
+    assert names["result"].complete
+    assert emulated.motor.angle == pytest.approx(2.0 * 2 + 2.0 * 0.1, abs=0.1)  # two seconds, and ramps of 0.1 s
+    assert off(emulated)
