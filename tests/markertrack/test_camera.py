@@ -16,6 +16,7 @@ from markertrack.camera import (
     project,
 )  # fmt: skip
 from markertrack.camera_file import CameraFile, Length, Lens, find_board, read_camera, write_camera
+from markertrack.layout import Layout
 from markertrack.track import MarkerTrack
 from swim2real.robots.fish import FISH
 from swimbase.errors import ArgumentError, TrackingError
@@ -24,7 +25,7 @@ from swimmers import Swimmer
 SIZE = (3840, 2160)
 LEVEL = np.full(9, 0.05)
 ABOVE = FISH.marker_heights - FISH.marker_heights[0]
-RIGID = (0, 1, 2)
+
 LENS = Lens(np.array([[2400.0, 0, 1930.0], [0, 2400.0, 1070.0], [0, 0, 1]]), np.array([-0.12, 0.03, 1e-3, -5e-4, 0.0]))
 
 
@@ -68,7 +69,7 @@ def swim(**options):
 
 
 def see(track, known=None, size=SIZE, heights=FISH.marker_heights) -> Camera:
-    return camera_for(track, FISH.rest_markers, heights, FISH.marker_names, RIGID, known, size)
+    return camera_for(track, replace(FISH.layout, heights=np.asarray(heights)), known, size)
 
 
 def square(points, eye, meters=None):
@@ -318,7 +319,7 @@ def test_markers_come_back_from_meters_to_their_pixels(known):
     pixels = np.array([400.0, 300.0]) + 500 * REST3 + 4 * np.cumsum(steps, axis=0)
     pixels[7, 1] = np.nan
     track = MarkerTrack(np.arange(40) / 60, pixels)
-    camera = camera_for(track, REST3, HEIGHTS3, ("a", "b", "c"), (0, 1), known, (1280, 720))
+    camera = camera_for(track, Layout(("a", "b", "c"), REST3, HEIGHTS3, (0, 0, 1)), known, (1280, 720))
     world = camera.to_meters(track).positions
     assert camera.to_pixels(world) == pytest.approx(pixels, abs=1e-3, nan_ok=True)
     again = fixed_camera(known, camera.scale.meters_per_pixel, HEIGHTS3, (1280, 720))

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from markertrack.tracking.opencv import TagTracker
+from markertrack.tracking.tags import TagTracker
 from swimbase.errors import ArgumentError, TrackingError
 
 NUMBERS = (7, 3, 21)

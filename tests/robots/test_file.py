@@ -266,7 +266,7 @@ def test_no_parameter_and_no_hook_keeps_a_robot_from_being_tracked(tmp_path):
     assert robot.build({"good": 0.7}).compile().dof_damping.reshape(3, -1)[2, 0] == 0.7
     np.testing.assert_allclose(robot.rest_markers, [[0, 0], [0.2, 0]])
     copy = pickle.loads(pickle.dumps(robot))  # as it goes to a process that tracks a film
-    assert copy.rigid_markers == robot.rigid_markers == (0, 1)
+    assert copy.layout.rigid == robot.layout.rigid == (0, 1)
 
 
 def test_where_a_value_keeps_the_model_from_compiling_the_models_own_count(tmp_path):
