@@ -13,7 +13,7 @@ import sys
 from collections.abc import Sequence
 from dataclasses import fields
 from pathlib import Path
-from typing import Any, get_args, get_type_hints
+from typing import get_args, get_type_hints
 
 from motorline.deploying import DeployOptions, deploy
 from swimbase.errors import Swim2RealError
@@ -41,8 +41,11 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("commands", type=Path, help=described.get("commands"))
     for field in fields(DeployOptions):
         kind = next(iter(get_args(hints[field.name])), hints[field.name])  # Path of Path | None
-        how: dict[str, Any] = {"action": "store_true"} if kind is bool else {"type": kind, "default": field.default}
-        parser.add_argument(f"--{field.name.replace('_', '-')}", help=described.get(field.name), **how)
+        option, text = f"--{field.name.replace('_', '-')}", described.get(field.name)
+        if kind is bool:
+            parser.add_argument(option, action="store_true", help=text)
+        else:
+            parser.add_argument(option, type=kind, default=field.default, help=text)
     return parser
 
 

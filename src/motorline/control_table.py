@@ -60,15 +60,14 @@ class Model:
 # e-Manual, docs/en/dxl/x/{xw540-t140, xl430-w250, xm430-w210, xm430-w350, xm540-w150, xm540-w270}: "Control Table of
 # EEPROM Area"
 XW540 = Model("XW540-T140-R", 1180, 304)
-_MODELS = (
-    XW540,
+_OTHERS = (
     Model("XL430-W250", 1060, 265),
     Model("XM430-W210", 1030, 330),
     Model("XM430-W350", 1020, 200),
     Model("XM540-W150", 1130, 230),
     Model("XM540-W270", 1120, 128),
 )
-MODELS = {model.name: model for model in _MODELS}
+MODELS = {model.name: model for model in (XW540, *_OTHERS)}
 
 
 class MotorError(Swim2RealError):

@@ -84,8 +84,7 @@ def deploy(commands: Path, /, options: DeployOptions) -> int:
     table = read_table(commands)
     settings = _settings(commands, options, table)
     table, notes = _prepare(options, table, settings)
-    notes.insert(0, f"{commands}: {_length(table)} at 50 Hz{_extent(table, settings)}")
-    for note in notes:
+    for note in (f"{commands}: {_length(table)} at 50 Hz{_extent(table, settings)}", *notes):
         _say(options, note)
     if options.port is None:
         _print_plan(options, table, settings)
@@ -107,11 +106,9 @@ def _write(text: str, file: TextIO | None = None) -> None:
 def _settings(commands: Path, options: DeployOptions, table: CommandTable) -> tuple[MotorSettings, ...]:
     """The motors, in the order of the table's columns."""
     if options.motors is not None:
-        for name, value in (
-            ("--id", options.id), ("--max-speed", options.max_speed), ("--max-acceleration", options.max_acceleration),
-        ):  # fmt: skip
-            if value is not None:
-                raise ArgumentError(f"{name} is {value:g}, and --motors is given, whose file says it for each motor")
+        for name in ("id", "max-speed", "max-acceleration"):
+            if (value := getattr(options, name.replace("-", "_"))) is not None:
+                raise ArgumentError(f"--{name} is {value:g}, and --motors is given, whose file says it for each motor")
         motors = read_motors(options.motors, table.columns)
     elif table.columns == (FISH,):
         limits = MotorLimits(
@@ -182,8 +179,7 @@ def _print_plan(options: DeployOptions, table: CommandTable, motors: Sequence[Mo
     elif not options.quiet:
         _write("\n".join(",".join(map(str, cells)) for cells in (writes[0], *(write.values() for write in writes))))
     joints = ", ".join(motor.name for motor in motors if not is_speed(motor.column))
-    way = f"; before them, {joints} would move from the present angle to the first row's, in a time that only the "
-    way += f"motors' angles give, at {options.approach:g} rad/s at most"
+    way = f", after the way of {joints} from the present to the first angles, at {options.approach:g} rad/s at most"
     _say(options, f"Nothing was sent: it would be {_length(table)}, {len(writes)} values{way if joints else ''}")
 
 
@@ -217,7 +213,7 @@ def _send(options: DeployOptions, port: str, table: CommandTable, settings: Sequ
     if options.log:
         _say(options, f"Log: {options.log}")
     if not result.complete:
-        stopped = "the motor was stopped" if len(settings) == 1 else "the motors were stopped"
+        stopped = f"the motor{'s were' if len(settings) > 1 else ' was'} stopped"
         raise MotorError(f"{signals[0]} after {result.seconds:.2f} s of {table.duration:.2f} s; {stopped}")
 
 
@@ -225,12 +221,12 @@ def _send(options: DeployOptions, port: str, table: CommandTable, settings: Sequ
 def _noted_signals() -> Generator[list[str]]:
     """Notes the names of signals that come, so that none cuts an exchange with a motor in two."""
     noted: list[str] = []
-    numbers = [getattr(signal, name) for name in _SIGNALS if hasattr(signal, name)]
-    before = [signal.signal(n, lambda n, _: noted.append(signal.Signals(n).name)) for n in numbers]
+    known = [signal.Signals[name] for name in _SIGNALS if hasattr(signal, name)]
+    before = {number: signal.signal(number, lambda n, _: noted.append(signal.Signals(n).name)) for number in known}
     try:
         yield noted
     finally:
-        for number, handler in zip(numbers, before, strict=True):
+        for number, handler in before.items():
             signal.signal(number, handler)
 
 

@@ -275,13 +275,11 @@ class Motor:
 
     def _enable_answers(self) -> None:
         """Makes a motor answer that was set to answer reads only, or pings only."""
-        try:
-            answers = self._read(ct.STATUS_RETURN_LEVEL) == 2
-        except NoAnswerError:
-            answers = False
-        if not answers:
-            with suppress(NoAnswerError):  # which may be the last one that it keeps to itself
-                self._bus.write(self._id, ct.STATUS_RETURN_LEVEL, 2, attempts=1)
+        with suppress(NoAnswerError):
+            if self._read(ct.STATUS_RETURN_LEVEL) == 2:
+                return
+        with suppress(NoAnswerError):  # an answer to this write may be missing as well
+            self._bus.write(self._id, ct.STATUS_RETURN_LEVEL, 2, attempts=1)
 
     @contextmanager
     def _named_alerts(self) -> Generator[None]:

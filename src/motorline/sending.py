@@ -58,7 +58,7 @@ def send(
     Args:
         motors: Motors that turn.
         table: Commands, a column per motor.
-        log: File that gets a line per row, as `log_header` says.
+        log: File that gets a line per row, under the columns of `open_log`.
         stop: Called before every row; sending ends when it returns true.
 
     Raises:
@@ -178,16 +178,10 @@ def check_time(motors: Sequence[MotorSettings], baud: int) -> None:
         )
 
 
-def log_header(motors: Sequence[MotorSettings]) -> tuple[str, ...]:
-    """The columns of the log: the command of the fish's motor has no name; those of others have."""
-    columns = [motor.column for motor in motors]
-    commands = [f"command_{column}" for column in (["rad_s"] if columns == [FISH] else columns)]
-    asked = ("answered",) if len(motors) == 1 else ("motor", "answered")
-    return ("due_s", "sent_s", *commands, *asked, *_READ)
-
-
 def open_log(path: Path, motors: Sequence[MotorSettings]) -> TextIO:
     """Opens a log that is written line by line, so that it is complete whatever happens, and writes its header.
+
+    The command of the fish's motor has no name in it; those of others have.
 
     Raises:
         ArgumentError: The file can't be written.
@@ -196,7 +190,10 @@ def open_log(path: Path, motors: Sequence[MotorSettings]) -> TextIO:
         file = path.open("w", buffering=1, encoding="utf-8")
     except OSError as error:
         raise ArgumentError(f"log '{path}' can't be written: {error.strerror or error}") from error
-    file.write(",".join(log_header(motors)) + "\n")
+    columns = [motor.column for motor in motors]
+    commands = [f"command_{column}" for column in (["rad_s"] if columns == [FISH] else columns)]
+    asked = ["answered"] if len(motors) == 1 else ["motor", "answered"]
+    file.write(",".join(["due_s", "sent_s", *commands, *asked, *_READ]) + "\n")
     return file
 
 

@@ -72,15 +72,13 @@ def swimming(path):
 def goals(emulator, device):
     """The values that were sent to a motor's goal, by a packet of its own or one for several."""
     for _, packet in emulator.packets:
-        address, content = int.from_bytes(packet.parameters[:2], "little"), packet.parameters[2:]
-        if address in (control_table.GOAL_VELOCITY.address, control_table.GOAL_POSITION.address):
-            if packet.instruction == SYNC_WRITE:
-                shares = {content[k]: content[k + 1 : k + 5] for k in range(2, len(content), 5)}
-                content = shares.get(device, b"")
-            elif packet.instruction != WRITE or packet.id != device:
-                content = b""
-            if content:
-                yield int.from_bytes(content, "little", signed=True)
+        address, content = packet.parameters[:1], packet.parameters[2:]
+        if packet.instruction == SYNC_WRITE:
+            shares = {content[k]: content[k + 1 : k + 5] for k in range(2, len(content), 5)}
+        else:
+            shares = {packet.id: content} if packet.instruction == WRITE else {}
+        if address in (b"h", b"t") and device in shares:  # Goal Velocity (104), Goal Position (116)
+            yield int.from_bytes(shares[device], "little", signed=True)
 
 
 def test_what_a_dry_run_prints_is_what_is_sent(program, table, tmp_path):
@@ -117,7 +115,7 @@ def test_what_a_dry_run_with_a_motors_file_prints_is_what_is_sent(program, motor
     summary = "46 commands, 0.92 s at 50 Hz\nhead_rad: 0.20 to 0.20 rad (limits -1.00 to 1.00), fastest 0.00 rad/s"
     assert summary in program.err
     assert "wheel_rad_s: fastest 3.00 rad/s (limit 7.29), steepest 18.8 rad/s² (limit 100)" in program.err
-    assert "92 values; before them, head would move from the present angle to the first row's" in program.err
+    assert "92 values, after the way of head from the present to the first angles, at 0.5" in program.err
     value = {
         (float(row["time_s"]), row["id"], row["register"]): int(row["value"])
         for row in csv.DictReader(program.out.splitlines())

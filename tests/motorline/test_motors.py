@@ -2,7 +2,6 @@
 
 import csv
 import importlib
-import io
 import math
 import re
 import sys
@@ -19,7 +18,7 @@ from motorline import control_table as ct
 from motorline.bus import Bus
 from motorline.control_table import NoAnswerError
 from motorline.motors import Motors
-from motorline.sending import check_time, log_header, send
+from motorline.sending import check_time, open_log, send
 from swimbase.errors import ArgumentError, MissingExtraError
 
 TABLE = CommandTable.of({FISH: [0.0, 2.0, 4.0]})
@@ -269,10 +268,10 @@ def test_ports_and_arguments_that_cant_be_used(tmp_path, emulated, monkeypatch):
         importlib.import_module("motorline.bus")
 
 
-def test_mixed_modes_follow_the_table_and_all_are_stopped():
-    log = io.StringIO()
-    emulator, sent = swim(log=log)
-    rows = list(csv.reader(log.getvalue().splitlines()))
+def test_mixed_modes_follow_the_table_and_all_are_stopped(tmp_path):
+    with open_log(tmp_path / "log.csv", THREE) as log:
+        emulator, sent = swim(log=log)
+    header, *rows = csv.reader((tmp_path / "log.csv").read_text().splitlines())
     assert not isinstance(sent, MotorError), sent
     assert sent.complete
     assert (sent.temperature, sent.voltage) == (30, 12.0)
@@ -284,8 +283,7 @@ def test_mixed_modes_follow_the_table_and_all_are_stopped():
     assert head.angle == pytest.approx(math.pi + end[0], abs=0.01)
     assert tail.angle == pytest.approx(2.0 - end[1], abs=0.01)
     assert 0.7 < wheel.angle < 1.6
-    header = log_header(THREE)
-    assert header[2:7] == ("command_head_rad", "command_tail_rad", "command_wheel_rad_s", "motor", "answered")
+    assert header[2:7] == ["command_head_rad", "command_tail_rad", "command_wheel_rad_s", "motor", "answered"]
     assert {len(row) for row in rows} == {len(header)}
     asked = [dict(zip(header, row, strict=True)) for row in rows if row[5]]
     assert {row["motor"] for row in asked} == {"head", "tail", "wheel"}
