@@ -321,7 +321,7 @@ def export_commands(
     if json:
         say_json(about)
     else:
-        trial = f"; `swim2real deploy {word(out)} --dry-run` tries them" if out.suffix == ".csv" else ""
+        trial = f"; `swim2real deploy {word(out)} --dry-run` prints what would be sent" if out.suffix == ".csv" else ""
         say(f"{out}: {len(table.rows)} rows of {', '.join(columns)}, {table.duration:.2f} s{trial}")
         if expected is not None:
             say(f"{beside}: {expected.sentence}")
