@@ -103,6 +103,6 @@ def test_markers_of_a_robot_that_bends_anyhow_are_picked(films, tmp_path):
     with pytest.raises(TrackingError) as caught:
         track_video(films / "pull.mp4", "auto", FINGER, TrackingSettings(), tmp_path / "trials")
     assert str(caught.value) == (
-        "the markers of robot 'finger' can't be found by themselves: that takes a straight swimmer, and its trials are "
+        "the markers of this robot can't be found by themselves: that takes a straight swimmer, and its trials are "
         "recordings; pick the points with `swim2real pick`"
     )

@@ -11,12 +11,12 @@ from pool import Glare
 
 import swim2real
 from films import CAMERA, Shot, contents, named, parts, shoot, tables
+from markertrack import film as room
 from markertrack.camera_file import CameraFile, write_camera
 from markertrack.points import save_points
 from markertrack.quality import check_track
 from markertrack.track import MarkerTrack
 from swim2real.pipeline import TrackedVideo, track_video, track_videos
-from swim2real.pipeline import tracking as room
 from swim2real.robots.fish import FISH
 from swim2real.settings import TrackingSettings
 from swim2real.trials import Trial, load_reference
