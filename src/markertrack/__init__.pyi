@@ -5,6 +5,9 @@ from .camera_file import read_camera as read_camera
 from .camera_file import write_camera as write_camera
 from .cleaning import fill_gaps as fill_gaps
 from .cleaning import smooth as smooth
+from .film import HowToTrack as HowToTrack
+from .film import TrackedFilm as TrackedFilm
+from .film import track_film as track_film
 from .following import FrameProgress as FrameProgress
 from .following import write_review as write_review
 from .layout import Layout as Layout
@@ -21,6 +24,3 @@ from .quality import check_lost as check_lost
 from .quality import check_track as check_track
 from .span import Span as Span
 from .track import MarkerTrack as MarkerTrack
-from .track_film import HowToTrack as HowToTrack
-from .track_film import TrackedFilm as TrackedFilm
-from .track_film import track_film as track_film

@@ -20,9 +20,9 @@ import numpy as np
 from pydantic import BaseModel
 
 from markertrack.camera_file import read_camera
+from markertrack.film import AUTO, HowToTrack, track_film
 from markertrack.following import FrameProgress, write_review
 from markertrack.span import WHOLE, Span
-from markertrack.track_film import AUTO, HowToTrack, track_film
 from markertrack.video import film_files, film_name, film_title
 from swim2real.calibration import versions
 from swim2real.objective.comparison import rounded
