@@ -1,4 +1,4 @@
-"""Steps many simulations of one robot in compiled calls, without Python between them.
+"""Steps many simulations of one model in compiled calls, without Python between them.
 
 Each simulation has a model, one of several parameter sets, and a state of its own. A call makes the same number of
 steps with each of them and then reads positions, velocities and sensors. What a simulation gives depends neither on the
@@ -18,20 +18,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from fluidstep.engine_log import log_warnings
-from fluidstep.plan import (
-    STEPPED,
-    Array,
-    Plan,
-    UnsupportedModelError,
-    Water,
-    addresses,
-    engine_plan,
-    find_calls,
-    make_plan,
-    sizes,
-    without_fluid,
-)
+from fluidstep.engine import STEPPED, Array, UnsupportedModelError, addresses, find_calls, log_warnings, sizes
+from fluidstep.plan import Plan, Water, engine_plan, make_plan, without_fluid
 from fluidstep.step import (
     NOTHING_KEPT,
     READ,
@@ -42,7 +30,7 @@ from fluidstep.step import (
     compiled_loop,
     scratch_of,
 )
-from swimbase.errors import EngineError
+from swimbase.errors import ArgumentError, EngineError
 
 _SHARE = 5  # simulations that a thread takes at a time
 _log = logging.getLogger(__name__)
@@ -61,26 +49,31 @@ class Batch:
     """
 
     def __init__(
-        self, models: Sequence[mujoco.MjModel], readers: Sequence[mujoco.MjModel], count: int, threads: int = 1
+        self,
+        models: Sequence[mujoco.MjModel],
+        count: int,
+        threads: int = 1,
+        readers: Sequence[mujoco.MjModel] | None = None,
     ) -> None:
         """Plans the steps.
 
         Args:
-            models: Model of each parameter set, to be stepped; without sensors, which would be computed at every step.
-            readers: The same robots with the sensors that are read after a call.
+            models: Model of each parameter set, to be stepped. Its sensors are computed at every step.
             count: Number of simulations.
             threads: Threads that step them.
+            readers: The same models with the sensors that are read after a call; None for `models`.
 
         Raises:
             EngineError: The engine can't be called directly, or the sets differ in more than numbers.
         """
         log_warnings()
-        self._models, self._readers = [copy.copy(model) for model in models], list(readers)
+        self._models = [copy.copy(model) for model in models]
+        self._readers = readers = self._models if readers is None else list(readers)
         first = self._models[0]
         self._dry, plan, members = self._plan_steps()
         nothing_more = [int(mujoco.mjtStage.mjSTAGE_POS), int(mujoco.mjtStage.mjSTAGE_VEL)]
         forces = not np.isin(readers[0].sensor_needstage, nothing_more).all()  # among the sensors
-        self._program = Program(find_calls(), plan, members, sizes(first), self.fast, bool(forces))
+        self._program = Program(find_calls(), plan, members, sizes(mujoco.MjData(first)), self.fast, bool(forces))
         self.qpos, self.qvel = np.zeros((count, first.nq)), np.zeros((count, first.nv))
         self.sensors, self.failed = np.zeros((count, readers[0].nsensordata)), np.zeros(count, np.bool_)
         self._member = np.zeros(count, np.int64)
@@ -125,7 +118,7 @@ class Batch:
         """Parameter set of each simulation. Shape (N,)."""
         return self._member
 
-    def start(self, index: int, member: int) -> mujoco.MjData:
+    def start(self, index: int, member: int = 0) -> mujoco.MjData:
         """Begins a simulation anew with a parameter set, and returns its state, to be set."""
         data = self._data[index]
         if data is None or self._member[index] != member:
@@ -147,16 +140,20 @@ class Batch:
             which: Simulations that are stepped; None for all. The others keep what was read.
 
         Raises:
+            ArgumentError: The controls have another shape.
+            EngineError: A simulation was not started.
             UnsupportedModelError: The installed numba can't compile the loop.
         """
         everything = np.arange(len(self.qpos)) if which is None else which
+        for index in everything[self._rows[everything, 0] == 0]:
+            self.data(int(index))  # raises
         size = len(everything) if self.pool is None else min(_SHARE, math.ceil(len(everything) / self._threads))
         shares = [everything[i : i + size] for i in range(0, len(everything), max(size, 1))]
-        rows, taken, loop = (
-            np.ascontiguousarray(controls if controls.ndim == 3 else controls[:, None], dtype=np.float64),
-            itertools.count(),
-            compiled_loop(),
-        )
+        count, nu = len(self.qpos), self._models[0].nu
+        rows = np.ascontiguousarray(controls if controls.ndim == 3 else controls[:, None], dtype=np.float64)
+        if rows.shape != (count, max(rows.shape[1], 1), nu):
+            raise ArgumentError(f"controls have shape {controls.shape}; give ({count}, {nu}) or ({count}, steps, {nu})")
+        taken, loop = itertools.count(), compiled_loop()
         fleet = Fleet(self._rows, self._member, self._made, self.qpos, self.qvel, self.sensors)
 
         def work() -> None:

@@ -1,4 +1,4 @@
-"""A faster `mj_step` for robots in MuJoCo's ellipsoid fluid, with the same numbers.
+"""A faster `mj_step` for models in MuJoCo's fluid, with the same numbers.
 
 The engine does everything but the fluid and the solution for the velocities: it is called on a twin of the model
 without water, and the forces of the water and their derivative are added in between. Contacts, limits, tendons,
@@ -21,18 +21,14 @@ import numba
 import numpy as np
 from numba.core.errors import NumbaError
 
-from fluidstep.engine_log import log_warnings
-from fluidstep.fluid import Scratch, add_fluid
-from fluidstep.plan import (
+from fluidstep.engine import (
     MIN,
     Addresses,
     Array,
     Calls,
     EngineState,
     Indices,
-    Plan,
     UnsupportedModelError,
-    Water,
     addresses,
     array_at,
     borrowing,
@@ -40,15 +36,17 @@ from fluidstep.plan import (
     call_flag,
     compiled,
     find_calls,
-    make_plan,
+    log_warnings,
     sizes,
     state_at,
-    without_fluid,
 )
+from fluidstep.fluid import Scratch, add_fluid
+from fluidstep.plan import Plan, Water, make_plan, without_fluid
+from swimbase.errors import EngineError
 
 _MAX = 1e10  # the engine's mjMAXVAL: beyond it a state counts as diverged
 READ = ("qpos", "qvel", "ctrl", "act", "qacc_warmstart", "sensordata")  # of a state that sensors are computed with
-_SOURCES = ("plan", "step", "fluid")
+_SOURCES = ("engine", "plan", "step", "fluid")
 _log = logging.getLogger(__name__)
 
 
@@ -175,7 +173,7 @@ class FastStep:
         self._dry = without_fluid(model)
         self._calls = find_calls()
         self.plan, water = make_plan(model, self._dry)
-        self._members, self._sizes = Members.of([water], [model]), sizes(model)
+        self._members, self._sizes = Members.of([water], [model]), sizes(mujoco.MjData(model))
 
     def run(self, data: mujoco.MjData, control: Array, steps: int) -> Steps:
         """Makes steps with the data, in place.
@@ -186,9 +184,15 @@ class FastStep:
             steps: Number of steps.
 
         Raises:
+            EngineError: The data is not of this model.
             UnsupportedModelError: The installed numba can't compile the step.
         """
         model = self.model
+        if not np.array_equal(self._sizes, sizes(data)):
+            raise EngineError(
+                f"the data has nq={len(data.qpos)}, nv={len(data.qvel)} and other sizes that the model with "
+                f"nq={model.nq}, nv={model.nv} doesn't have; make it with mujoco.MjData(model)"
+            )
         rows = np.empty((1, steps, model.nu))
         rows[:] = control
         kept = Kept(np.empty((steps, model.nsensordata)), np.empty((steps, model.nq)), np.empty((steps, model.nv)))

@@ -29,7 +29,7 @@ def compiled(robot, values):
 
 def batch_of(robot, sets, count, threads=1):
     models = [compiled(robot, values) for values in sets]
-    batch = Batch([model for model, _ in models], [reader for _, reader in models], count, threads)
+    batch = Batch([model for model, _ in models], count, threads, [reader for _, reader in models])
     for i in range(count):
         batch.start(i, i % len(sets))
     return batch, models
@@ -72,7 +72,7 @@ def test_a_robot_that_the_fast_step_does_not_know_is_stepped_by_the_engine():
 
 
 @pytest.mark.parametrize("robot", ["fish", "finger"])
-def test_a_diverged_simulation_is_told_and_leaves_the_others_alone(robot):
+def test_a_diverged_simulation_is_reported_and_leaves_the_others_alone(robot):
     known = FISH if robot == "fish" else load_robot(Path(__file__).parents[2] / "examples/finger/finger.toml")
     batch, _ = batch_of(known, [known.space.published], 3)
     controls = np.full((3, 1), 0.03)
