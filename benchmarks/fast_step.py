@@ -1,8 +1,8 @@
 """Measures the fast step against the engine's own on several models. Prints the table of src/fluidstep/README.md.
 
 Both make the same steps from the same state under the same swinging controls, by turns in one process on one thread,
-whose processor time is taken: one simulation, and 64 by `mujoco.rollout` and by `Batch`. Each model is given the integrators that the fast
-step does; the engine's steps with the integrator that the model comes with are in the last column.
+whose processor time is taken: one simulation, and 64 by `mujoco.rollout` and by `Batch`. Each model is given the
+integrators that the fast step does; the engine's steps with the one that it comes with are in the last column.
 
 Run with the package installed, and beside it `pip install dm_control "gymnasium[mujoco]"`: `python
 benchmarks/fast_step.py`. Models of a package that isn't there are left out.
