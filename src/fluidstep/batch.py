@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fluidstep.engine import STEPPED, Array, UnsupportedModelError, addresses, find_calls, log_warnings, sizes
-from fluidstep.plan import Plan, Water, engine_plan, make_plan, without_fluid
+from fluidstep.plan import Plan, engine_plan, make_plan, without_fluid
 from fluidstep.step import (
     NOTHING_KEPT,
     READ,
@@ -44,17 +44,15 @@ class Batch:
         qvel: Velocities. Shape (N, nv).
         sensors: Readings of the sensors. Shape (N, nsensordata).
         failed: Whether a simulation has diverged in the last call. Shape (N,).
+        members: Parameter set of each simulation. Shape (N,).
         fast: Whether the fast step makes the steps; else the engine's own.
         pool: Threads beside the caller's, which may be given other work between two calls; None with one thread.
     """
 
     def __init__(
-        self,
-        models: Sequence[mujoco.MjModel],
-        count: int,
-        threads: int = 1,
+        self, models: Sequence[mujoco.MjModel], count: int, threads: int = 1,
         readers: Sequence[mujoco.MjModel] | None = None,
-    ) -> None:
+    ) -> None:  # fmt: skip
         """Plans the steps.
 
         Args:
@@ -76,7 +74,7 @@ class Batch:
         self._program = Program(find_calls(), plan, members, sizes(mujoco.MjData(first)), self.fast, bool(forces))
         self.qpos, self.qvel = np.zeros((count, first.nq)), np.zeros((count, first.nv))
         self.sensors, self.failed = np.zeros((count, readers[0].nsensordata)), np.zeros(count, np.bool_)
-        self._member = np.zeros(count, np.int64)
+        self.members = np.zeros(count, np.int64)
         self._made = np.zeros(count, np.int64)
         self._rows = np.zeros((count, 1 + len(STEPPED)), np.int64)
         self._data: list[mujoco.MjData | None] = [None] * count
@@ -86,13 +84,12 @@ class Batch:
         self._free: list[_Place] = [_Place(first, self._readers) for _ in range(threads)]
 
     def _plan_steps(self) -> tuple[list[mujoco.MjModel], Plan, Members]:
-        self.fast, dry, plans = True, [without_fluid(model) for model in self._models], list[tuple[Plan, Water]]()
+        self.fast, dry = True, [without_fluid(model) for model in self._models]
         try:
             plans = [make_plan(model, twin) for model, twin in zip(self._models, dry, strict=True)]
         except UnsupportedModelError as error:
             _log.warning("steps are the engine's own, which are slower in water: %s", error)
             self.fast = False
-        if not self.fast:
             for model in self._models:  # a diverged state is to be seen, not to be replaced by the one at the start
                 model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
             dry = self._models
@@ -113,21 +110,16 @@ class Batch:
             raise EngineError(f"simulation {index} has no state yet; start it first")
         return data
 
-    @property
-    def members(self) -> NDArray[np.int64]:
-        """Parameter set of each simulation. Shape (N,)."""
-        return self._member
-
     def start(self, index: int, member: int = 0) -> mujoco.MjData:
         """Begins a simulation anew with a parameter set, and returns its state, to be set."""
         data = self._data[index]
-        if data is None or self._member[index] != member:
+        if data is None or self.members[index] != member:
             if data is not None:
-                self._spare[self._member[index]].append(data)
+                self._spare[self.members[index]].append(data)
             spare = self._spare[member]
             self._data[index] = data = spare.pop() if spare else mujoco.MjData(self._models[member])
         mujoco.mj_resetData(self._models[member], data)
-        self._member[index] = member
+        self.members[index] = member
         self._rows[index] = addresses(data)
         return data
 
@@ -154,7 +146,7 @@ class Batch:
         if rows.shape != (count, max(rows.shape[1], 1), nu):
             raise ArgumentError(f"controls have shape {controls.shape}; give ({count}, {nu}) or ({count}, steps, {nu})")
         taken, loop = itertools.count(), compiled_loop()
-        fleet = Fleet(self._rows, self._member, self._made, self.qpos, self.qvel, self.sensors)
+        fleet = Fleet(self._rows, self.members, self._made, self.qpos, self.qvel, self.sensors)
 
         def work() -> None:
             place = self._free.pop()

@@ -4,6 +4,7 @@ Its library is loaded in the process already; its public functions take the addr
 (`MjModel._address`, `MjData._address`), so that a compiled loop can run them without Python and without its lock.
 """
 
+# ruff: noqa: N815 (the engine's names)
 # what numba and llvmlite make has no types
 # pyright: reportUnknownParameterType=false, reportMissingParameterType=false, reportUntypedFunctionDecorator=false
 # pyright: reportPrivateImportUsage=false, reportCallIssue=false, reportArgumentType=false
@@ -70,7 +71,7 @@ class EngineState(NamedTuple):
     xmat: Array
     subtree_com: Array
     M: Array
-    qDeriv: Array  # noqa: N815
+    qDeriv: Array
     qfrc_smooth: Array
     qfrc_constraint: Array
     qfrc_passive: Array
@@ -98,28 +99,22 @@ _LIBRARY = {"Windows": "mujoco.dll", "Darwin": "libmujoco*.dylib"}
 
 
 class Calls(NamedTuple):
-    """Addresses of the engine's functions."""
+    """Addresses of the engine's functions, named as there."""
 
-    step1: int
-    actuation: int
-    acceleration: int
-    constraint: int
-    derivative: int
-    implicit: int
-    advance: int
-    step: int
-    forward: int
-    kinematics: int
-    com_pos: int
-    com_vel: int
-    sensor_pos: int
-    sensor_vel: int
-
-
-_NAMES = Calls._make(  # type: ignore[arg-type]
-    ("mj_step1", "mj_fwdActuation", "mj_fwdAcceleration", "mj_fwdConstraint", "mjd_smooth_vel", "mj_implicit",
-     "mj_EulerSkip", "mj_step", "mj_forward", "mj_kinematics", "mj_comPos", "mj_comVel", "mj_sensorPos", "mj_sensorVel")
-)  # fmt: skip
+    mj_step1: int
+    mj_fwdActuation: int
+    mj_fwdAcceleration: int
+    mj_fwdConstraint: int
+    mjd_smooth_vel: int
+    mj_implicit: int
+    mj_EulerSkip: int
+    mj_step: int
+    mj_forward: int
+    mj_kinematics: int
+    mj_comPos: int
+    mj_comVel: int
+    mj_sensorPos: int
+    mj_sensorVel: int
 
 
 def find_calls() -> Calls:
@@ -131,7 +126,7 @@ def find_calls() -> Calls:
     try:
         path = next(Path(mujoco.__file__).parent.glob(_LIBRARY.get(platform.system(), "libmujoco.so*")))
         library = ctypes.CDLL(str(path))
-        return Calls(*(int(ctypes.cast(getattr(library, str(name)), ctypes.c_void_p).value or 0) for name in _NAMES))
+        return Calls(*(int(ctypes.cast(getattr(library, name), ctypes.c_void_p).value or 0) for name in Calls._fields))
     except (StopIteration, OSError, AttributeError) as error:
         raise UnsupportedModelError(f"the engine's library can't be called directly: {error!r}") from None
 

@@ -139,9 +139,8 @@ def _sum_bodies(plan: Plan, water: Water, state: EngineState, scratch: Scratch) 
             sum_W[0] += F[0] + y * F[5] - z * F[4]
             sum_W[1] += F[1] + z * F[3] - x * F[5]
             sum_W[2] += F[2] + x * F[4] - y * F[3]
-            sum_W[3] += F[3]
-            sum_W[4] += F[4]
-            sum_W[5] += F[5]
+            for k in range(3, 6):
+                sum_W[k] += F[k]
         out = B[body]
         for k in range(4):
             _turn(R, sum_B[9 * k : 9 * k + 9], out[9 * k : 9 * k + 9])

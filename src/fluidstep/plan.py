@@ -107,17 +107,13 @@ def make_plan(model: mujoco.MjModel, dry: mujoco.MjModel) -> tuple[Plan, Water]:
     _check(model)
     # from 3.14 on the engine normalizes velocity and semi-axes, where its floor on denominators took lift away before
     normalized = tuple(int(part) for part in mujoco.__version__.split(".")[:2]) >= (3, 14)
-    rows: list[Array] = []
-    first: list[int] = []
-    last: list[int] = []
+    rows, first, last = list[Array](), list[int](), list[int]()
     in_water = model.opt.density > 0 or model.opt.viscosity > 0
     for body in range(model.nbody):
-        begin = int(model.body_geomadr[body])
-        geoms = range(begin, begin + int(model.body_geomnum[body]))
-        wet = [geom for geom in geoms if model.geom_fluid[geom, 0] > 0]
+        wet = np.flatnonzero((model.geom_bodyid == body) & (model.geom_fluid[:, 0] > 0))
         first.append(len(rows))
         if in_water and model.body_mass[body] >= MIN:
-            rows += [_geom_constants(model, geom, normalized) for geom in wet] or [_box_constants(model, body)]
+            rows += [_geom_constants(model, geom, normalized) for geom in wet.tolist()] or [_box_constants(model, body)]
         last.append(len(rows))
     water = Water(
         model._address, dry._address, float(model.opt.density), np.array(model.opt.wind, dtype=np.float64),

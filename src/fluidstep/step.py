@@ -189,10 +189,8 @@ class FastStep:
         """
         model = self.model
         if not np.array_equal(self._sizes, sizes(data)):
-            raise EngineError(
-                f"the data has nq={len(data.qpos)}, nv={len(data.qvel)} and other sizes that the model with "
-                f"nq={model.nq}, nv={model.nv} doesn't have; make it with mujoco.MjData(model)"
-            )
+            had, has = sizes(data).tolist(), self._sizes.tolist()  # nq, nv, nu and so on
+            raise EngineError(f"the data has sizes {had}, its model {has}; make the data with mujoco.MjData(model)")
         rows = np.empty((1, steps, model.nu))
         rows[:] = control
         kept = Kept(np.empty((steps, model.nsensordata)), np.empty((steps, model.nq)), np.empty((steps, model.nv)))
@@ -313,7 +311,7 @@ def _run(
                 kept.qpos[step] = state.qpos
                 kept.qvel[step] = state.qvel
             if not program.fast:
-                call(calls.step, water.wet, state.data)
+                call(calls.mj_step, water.wet, state.data)
             elif not _step(calls, program.plan, water, state, place.scratch):
                 made[index] = step
                 break
@@ -342,40 +340,40 @@ def _read(calls: Calls, model: int, row: Addresses, forces: bool, state: EngineS
     array_at(row[4], (len(act),))[:] = act
     array_at(row[5], (len(state.qvel),))[:] = state.qacc_warmstart
     if forces:
-        call(calls.forward, model, data)
+        call(calls.mj_forward, model, data)
         return
-    call(calls.kinematics, model, data)
-    call(calls.com_pos, model, data)
-    call(calls.com_vel, model, data)
-    call(calls.sensor_pos, model, data)
-    call(calls.sensor_vel, model, data)
+    call(calls.mj_kinematics, model, data)
+    call(calls.mj_comPos, model, data)
+    call(calls.mj_comVel, model, data)
+    call(calls.mj_sensorPos, model, data)
+    call(calls.mj_sensorVel, model, data)
 
 
 @borrowing
 def _step(calls: Calls, plan: Plan, water: Water, state: EngineState, scratch: Scratch) -> bool:
     """One step; False where it can't be made."""
     A, x, kept = scratch.A, scratch.vectors[0], scratch.vectors[1]
-    call(calls.step1, water.dry, state.data)
+    call(calls.mj_step1, water.dry, state.data)
     add_fluid(plan, water, state, scratch)
-    call(calls.actuation, water.dry, state.data)
-    call(calls.acceleration, water.dry, state.data)
-    call(calls.constraint, water.dry, state.data)
+    call(calls.mj_fwdActuation, water.dry, state.data)
+    call(calls.mj_fwdAcceleration, water.dry, state.data)
+    call(calls.mj_fwdConstraint, water.dry, state.data)
     if _bad(state.qacc):
         return False
-    call_flag(calls.derivative, water.dry, state.data, 0)
+    call_flag(calls.mjd_smooth_vel, water.dry, state.data, 0)
     _assemble(plan, state, A)
     for i in range(len(x)):
         x[i] = state.qfrc_smooth[i] + state.qfrc_constraint[i]
     if not _solve(plan.dof_parent, plan.symmetric, A, x):
         if not plan.symmetric:
             return False
-        call(calls.implicit, water.wet, state.data)  # the engine has its own way with an indefinite matrix
+        call(calls.mj_implicit, water.wet, state.data)  # the engine has its own way with an indefinite matrix
         return True
     # the engine advances with the acceleration it finds; what it remembers is the one before
     for i in range(len(x)):
         kept[i] = state.qacc[i]
         state.qacc[i] = x[i]
-    call_flag(calls.advance, water.dry, state.data, 0)
+    call_flag(calls.mj_EulerSkip, water.dry, state.data, 0)
     for i in range(len(x)):
         state.qacc[i] = kept[i]
         state.qacc_warmstart[i] = kept[i]
