@@ -105,7 +105,7 @@ def single(env: gymnasium.Env, steps: int) -> Callable[[], None]:
 def physics(threads: int, steps: int) -> Callable[[], None]:
     """Fast steps alone, of as many robots as train together: the limit."""
     bodies = Bodies(FISH, FISH.space.published)
-    batch = Batch(bodies.models, bodies.models, COUNT, threads)
+    batch = Batch(bodies.models, COUNT, threads)
     for i in range(COUNT):
         batch.start(i, 0)
 

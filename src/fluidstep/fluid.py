@@ -6,8 +6,9 @@ leaves of the kinematic tree to its root, all about the tree's center of mass, w
 and motion axes are given, too. Each pair of degrees of freedom, one above the other in the tree, then needs one
 product. Integrator `implicit` also has the derivative of the bias forces, which goes the same way.
 
-The formulas are those of the engine's ellipsoid fluid model (MuJoCo documentation, "Ellipsoid-based fluid model"), in
-closed form: drag of blunt and slender bodies, Kutta and Magnus lift, added mass, and drag against turning.
+The formulas are those of the engine's two fluid models (MuJoCo documentation, "Fluid forces"), in closed form. The
+ellipsoid model has drag of blunt and slender bodies, Kutta and Magnus lift, added mass, and drag against turning. A
+body without an ellipsoid has drag on the box that has its mass and inertia.
 
 A derivative B is kept as 36 numbers, four blocks of 3x3 one after another: torque by angular velocity (TT), torque by
 linear velocity (TL), force by angular velocity (LT) and force by linear velocity (LL).
@@ -20,8 +21,11 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+from fluidstep.engine import Array, EngineState, borrowing
 from fluidstep.plan import (
     ABC,
+    BOX,
+    DRAG,
     DRAG_BLUNT,
     DRAG_LIN,
     DRAG_SLENDER,
@@ -34,11 +38,8 @@ from fluidstep.plan import (
     SPIN,
     SPIN_LIN,
     TURNED,
-    Array,
-    EngineState,
     Plan,
     Water,
-    borrowing,
 )
 
 
@@ -138,9 +139,8 @@ def _sum_bodies(plan: Plan, water: Water, state: EngineState, scratch: Scratch) 
             sum_W[0] += F[0] + y * F[5] - z * F[4]
             sum_W[1] += F[1] + z * F[3] - x * F[5]
             sum_W[2] += F[2] + x * F[4] - y * F[3]
-            sum_W[3] += F[3]
-            sum_W[4] += F[4]
-            sum_W[5] += F[5]
+            for k in range(3, 6):
+                sum_W[k] += F[k]
         out = B[body]
         for k in range(4):
             _turn(R, sum_B[9 * k : 9 * k + 9], out[9 * k : 9 * k + 9])
@@ -179,16 +179,10 @@ def _sum_subtrees(plan: Plan, state: EngineState, scratch: Scratch) -> None:
             out = B[body]
             for i in range(3):
                 for j in range(3):
-                    if j < i:
-                        tt = 0.5 * (out[3 * i + j] + out[3 * j + i])
-                        ll = 0.5 * (out[27 + 3 * i + j] + out[27 + 3 * j + i])
-                        out[3 * i + j] = tt
-                        out[3 * j + i] = tt
-                        out[27 + 3 * i + j] = ll
-                        out[27 + 3 * j + i] = ll
-                    tl = 0.5 * (out[9 + 3 * i + j] + out[18 + 3 * j + i])
-                    out[9 + 3 * i + j] = tl
-                    out[18 + 3 * j + i] = tl
+                    for block, mirror in ((0, 0), (27, 27), (9, 18)):
+                        mean = 0.5 * (out[block + 3 * i + j] + out[mirror + 3 * j + i])
+                        out[block + 3 * i + j] = mean
+                        out[mirror + 3 * j + i] = mean
 
 
 @borrowing
@@ -327,7 +321,7 @@ def _geom_fluid(
     g: Array, density: float, floor: float,
     wx: float, wy: float, wz: float, x: float, y: float, z: float, B: Array, F: Array,
 ) -> None:  # fmt: skip
-    """Fluid force of one geom and its derivative by velocity, in the geom's frame.
+    """Fluid force of one geom or inertia box and its derivative by velocity, in its own frame.
 
     Args:
         g: Constants of the geom. Shape (COLUMNS,).
@@ -342,6 +336,9 @@ def _geom_fluid(
         B: Derivative, written. Shape (36,).
         F: Torque [N·m] and force [N], written. Shape (6,).
     """
+    if g[BOX] != 0.0:
+        _box_fluid(g, (wx, wy, wz), (x, y, z), B, F)
+        return
     a, b, c = g[ABC], g[ABC + 1], g[ABC + 2]
     xx, yy, zz = x * x, y * y, z * z
     S = xx + yy + zz
@@ -423,6 +420,18 @@ def _geom_fluid(
     F[3] = -x * (drag + up * fx) + q1 * wz - q2 * wy
     F[4] = -y * (drag + up * fy) + q2 * wx - q0 * wz
     F[5] = -z * (drag + up * fz) + q0 * wy - q1 * wx
+
+
+@borrowing
+def _box_fluid(g: Array, w: tuple[float, float, float], v: tuple[float, float, float], B: Array, F: Array) -> None:
+    """The same of an inertia box: drag along and about each of its axes."""
+    B[:] = 0.0
+    for k in range(3):
+        torque, force = g[SPIN + k] * abs(w[k]), g[DRAG + k] * abs(v[k])
+        B[4 * k] = -g[SPIN_LIN] - 2.0 * torque
+        B[27 + 4 * k] = -g[DRAG_LIN] - 2.0 * force
+        F[k] = -(g[SPIN_LIN] + torque) * w[k]
+        F[3 + k] = -(g[DRAG_LIN] + force) * v[k]
 
 
 @borrowing

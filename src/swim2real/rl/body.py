@@ -240,7 +240,7 @@ class Bodies:
     def _slow_turn(self, member: int, speed: float) -> Array:
         """Positions of the joints at equal motor angles in a slow turn. Shape (_ANGLES, J)."""
         assert self._motor is not None  # only a robot with one is asked for
-        batch = Batch([self.models[member]], [self.models[member]], 1)
+        batch = Batch([self.models[member]], 1)
         data = batch.start(0, 0)
         data.qpos[:] = self.starts[member]
         data.qvel[self.layout.motors[1]] = speed

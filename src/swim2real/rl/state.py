@@ -88,7 +88,7 @@ class Robots:
             count: Number of robots.
             threads: Threads that step them.
         """
-        self.bodies, self.batch = bodies, Batch(bodies.models, bodies.readers, count, threads)
+        self.bodies, self.batch = bodies, Batch(bodies.models, count, threads, bodies.readers)
         self.state = RobotState.zeros(bodies, count)
         self._controls = np.zeros((count, bodies.steps, bodies.models[0].nu))
         # what is late by d follows the command before the present one for the first d of an interval, and so on

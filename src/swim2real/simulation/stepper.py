@@ -9,7 +9,7 @@ import numpy as np
 from mujoco import rollout
 from numpy.typing import NDArray
 
-from fluidstep.engine_log import log_warnings
+from fluidstep.engine import log_warnings
 from fluidstep.step import FastStep
 from swim2real.robots.robot import Robot
 
