@@ -15,6 +15,7 @@ from motorline.motors import Motors, Reading
 from motorline.motors_file import MotorSettings
 from motorline.schedule import Punctuality, Schedule
 from swimbase.errors import ArgumentError
+from swimbase.store import writing
 
 _READ = ("read_s", "velocity_rad_s", "position_rad", "voltage_v", "temperature_c")
 LOG_HEADER = ("due_s", "sent_s", "command_rad_s", "answered", *_READ)
@@ -205,10 +206,8 @@ def log_file(path: Path | None, header: Sequence[str]) -> Generator[TextIO | Non
     if path is None:
         yield None
         return
-    try:
+    with writing(path, ArgumentError, what="log"):
         file = path.open("w", buffering=1, encoding="utf-8")
-    except OSError as error:
-        raise ArgumentError(f"log '{path}' can't be written: {error.strerror or error}") from error
     with file:
         file.write(",".join(header) + "\n")
         yield file

@@ -128,7 +128,7 @@ def test_json(program, table, motors):
             "the command at 0.00 s is 3 rad/s; the limits are -2.5 to 2.5 rad/s",
         ),
         ([0.0], ["--port", "/dev/none"], 1, "serial port /dev/none can't be opened (No such file or directory)"),
-        ([0.0], ["--dry-run", "--log", "/none/log.csv"], 2, "log '/none/log.csv' can't be written: No such file"),
+        ([0.0], ["--dry-run", "--log", "/none/log.csv"], 2, "can't write log '/none/log.csv': No such file"),
     ],
 )
 def test_refusals(program, table, speeds, words, code, sentence):

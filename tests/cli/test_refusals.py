@@ -77,8 +77,8 @@ REFUSALS = [
     ("simulate published --frequency 1 --rate -60 --out f.npz", 2, "rate is -60", "finite and above 0"),
     ("simulate published --frequency 1 --seconds 0 --out f.npz", 2, "seconds is 0", "finite and above 0"),
     ("simulate published --frequency 1.5 --seconds 0.1 --from-rest --out gone/f.npz", 2,
-     "--out 'gone/f.npz' can't be written", "No such file"),
-    ("export-model published --out gone/fish.xml", 2, "can't be written", "No such file"),
+     "can't write --out 'gone/f.npz'", "No such file"),
+    ("export-model published --out gone/fish.xml", 2, "can't write", "No such file"),
     # references and reports
     ("quality gone", 1, "reference 'gone' is not there"),
     ("quality empty", 1, "holds neither reference.json nor any .csv"),
@@ -103,7 +103,7 @@ REFUSALS = [
     # init, check
     ("init model.xml --out robot.xml", 2, "--out is 'robot.xml'", ".toml"),
     ("init gone.xml", 2, "model 'gone.xml' is not there", "MJCF"),
-    ("init model.xml --out gone/robot.toml", 2, "robot file 'gone/robot.toml' can't be written", "No such file"),
+    ("init model.xml --out gone/robot.toml", 2, "can't write robot file 'gone/robot.toml'", "No such file"),
     ("init unmarked.xml", 2, "MuJoCo can't read model 'unmarked.xml'"),
     ("check finch", 2, "there is no robot 'finch'", "fish, fish-extended", "(.toml)"),
     ("check gone.toml", 2, "robot file 'gone.toml' is not there", "`swim2real init MODEL.xml`"),

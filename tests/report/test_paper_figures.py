@@ -225,5 +225,5 @@ def lab(rgb: np.ndarray) -> np.ndarray:
 
 def test_a_folder_that_can_t_be_written(tmp_path: Path) -> None:
     (tmp_path / "figures").write_text("in the way")
-    with pytest.raises(RunError, match="can't make"):
+    with pytest.raises(RunError, match="can't write"):
         write_figures(two_methods(), tmp_path)

@@ -329,10 +329,7 @@ def quality(
         from swim2real.report import write_quality_page
 
         checked = [(trial, check_lost(trial.track, body)) for trial in trials if trial.name in findings]
-        try:
-            write_quality_page(checked, body.marker_names, plot)
-        except OSError as error:
-            raise ArgumentError(f"--plot '{plot}' can't be written: {error.strerror or error}") from error
+        write_quality_page(checked, body.marker_names, plot)
     return 0 if all(finding["usable"] for finding in findings.values()) and not refusals else 1
 
 

@@ -186,7 +186,7 @@ def simulate(
     from swim2real.identification.identifiability import sets_that_fit
     from swim2real.trials import TrialSet
     from swimbase.errors import EngineError
-    from swimbase.store import write_arrays
+    from swimbase.store import write_arrays, writing
 
     body = robot_for(parameters, robot)
 
@@ -204,10 +204,8 @@ def simulate(
     }  # fmt: skip
     if others:
         arrays["markers_of_sets"] = np.stack([[trial.track.positions for trial in made] for made in others])
-    try:
+    with writing(out, ArgumentError, what="--out"):
         write_arrays(out, arrays)
-    except OSError as error:
-        raise ArgumentError(f"--out '{out}' can't be written: {error.strerror or error}") from error
     headings, rows = ["swim", "speed mm/s"], [[t.name, tables.millimeters(t.track.speed)] for t in trials]
     if others:
         headings.append("90 % of the sets that fit")

@@ -63,15 +63,13 @@ def init(
 
 def _write_model(converted: Converted, urdf: Path, force: bool) -> int:
     """Writes the MJCF file of a URDF beside it, and tells what it lacks."""
-    from swimbase.store import reason, write_text
+    from swimbase.store import write_text, writing
 
     out = urdf.with_suffix(".xml")
     if out.exists() and not force:
         raise ArgumentError(f"'{out}' is there; --force writes the MJCF of '{urdf}' over it")
-    try:
+    with writing(out, RobotError, what="model"):
         write_text(out, converted.text)
-    except OSError as error:
-        raise RobotError(f"model '{out}' can't be written: {reason(error, out)}") from error
     base = f"'{converted.bodies[0]}'" if converted.bodies else "that moves"
     joint = converted.joints[0] if converted.joints else "JOINT"
     say(
@@ -123,7 +121,7 @@ def export_model(parameters: Positional[Path], *, out: Path, robot: str | None =
     from swim2real.robots.compiled import largest_difference
     from swim2real.robots.mjcf_files import outside
     from swim2real.viewing.scenery import furnish
-    from swimbase.store import write_text
+    from swimbase.store import write_text, writing
 
     body = robot_for(parameters, robot)
     published = str(parameters) == PUBLISHED
@@ -134,10 +132,8 @@ def export_model(parameters: Positional[Path], *, out: Path, robot: str | None =
             setattr(spec, folder, str((body.source.parent / spec.modelfiledir / getattr(spec, folder)).resolve()))
     furnish(spec)
     model = spec.compile()
-    try:
+    with writing(out, ArgumentError, what="--out"):
         write_text(out, spec.to_xml())
-    except OSError as error:
-        raise ArgumentError(f"--out '{out}' can't be written: {error.strerror or error}") from error
     named = outside(out)  # where the assets are of a model that has been allowed
     if named is not None:
         consent.require(named, allowed=True)

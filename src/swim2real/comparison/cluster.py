@@ -18,9 +18,9 @@ from pathlib import Path
 from typing import Any
 
 from swim2real.calibration import versions
-from swim2real.comparison.plan import writing
+from swim2real.comparison.plan import KEPT
 from swimbase.errors import ArgumentError, MissingExtraError, RunError, Swim2RealError
-from swimbase.store import write_text
+from swimbase.store import write_text, writing
 
 SESSION = ".session"
 _HIDDEN_TIME = 10.0  # s that a network file system may take to show a new file
@@ -40,7 +40,7 @@ def session(root: Path) -> Generator[str]:
         RunError: The disk failed.
     """
     token = uuid.uuid4().hex
-    with writing(root):
+    with writing(root, RunError, KEPT):
         write_text(root / SESSION, token)
     try:
         yield token

@@ -6,8 +6,7 @@ import hashlib
 import json
 import logging
 import re
-from collections.abc import Generator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from itertools import product
 from pathlib import Path
@@ -32,13 +31,14 @@ from swim2real.trials import TrialSet
 from swimbase import checking
 from swimbase.errors import ArgumentError, RunError
 from swimbase.names import quoted
-from swimbase.store import reason, write_json
+from swimbase.store import write_json, writing
 
 FORMAT = 2
 PLAN, RUNS = "plan.json", "runs"
 PROBLEM = "problem.txt"  # in the run folder of a job that failed
 ABLATION = "no-line-search"
 NAMES: tuple[str, ...] = (*METHODS, ABLATION)
+KEPT = "what was run so far is kept, the same command goes on"  # remedy where the disk fails
 _OWN = "each protocol's own"  # start, where none is asked for
 _LONGEST = 1000  # characters of a name; an advisor may be the path of a run
 _log = logging.getLogger(__name__)
@@ -269,7 +269,7 @@ class Plan:
         Raises:
             RunError: The disk failed.
         """
-        with writing(root):
+        with writing(root, RunError, KEPT):
             write_json(root / PLAN, asdict(self), indent=1)
 
 
@@ -309,22 +309,6 @@ def read_plan(root: str | Path) -> Plan | None:
         return checking.read(Plan, path, "plan", RunError, remedy)
     except ArgumentError as error:  # settings that can't be
         raise RunError(f"plan '{path}': {error}; {remedy}") from error
-
-
-@contextmanager
-def writing(place: str | Path) -> Generator[None]:
-    """Turns errors of the disk into a sentence.
-
-    Raises:
-        RunError: The disk failed.
-    """
-    try:
-        yield
-    except OSError as error:
-        raise RunError(
-            f"can't write '{error.filename or place}': {reason(error)}; what was run so far is kept, the "
-            f"same command goes on"
-        ) from error
 
 
 def folder_name(label: str) -> str:

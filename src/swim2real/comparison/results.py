@@ -17,13 +17,13 @@ from pydantic import Field, TypeAdapter
 from swim2real.advisor.vlm.transcript import Totals, Transcript, totals
 from swim2real.calibration import RunFolder
 from swim2real.calibration.file_models import RecordedEvaluation
-from swim2real.comparison.plan import PROBLEM, RUNS, Job, Plan, read_plan, writing
+from swim2real.comparison.plan import KEPT, PROBLEM, RUNS, Job, Plan, read_plan
 from swim2real.objective.figures import FitFigures, figure_values
 from swim2real.settings import asks_a_vlm
 from swimbase import checking
 from swimbase.errors import RunError, Swim2RealError
 from swimbase.names import quoted
-from swimbase.store import read_text, write_json, write_text
+from swimbase.store import read_text, write_json, write_text, writing
 
 FORMAT = 1
 RESULTS, TABLE = "results.json", "results.csv"
@@ -220,7 +220,7 @@ def write_results(results: ComparisonResults, root: str | Path) -> None:
     table = csv.DictWriter(text, columns, restval="", lineterminator="\n")
     table.writeheader()
     table.writerows(rows)
-    with writing(root):
+    with writing(root, RunError, KEPT):
         write_json(Path(root) / RESULTS, results.as_dict(), indent=1)
         write_text(Path(root) / TABLE, text.getvalue())
 

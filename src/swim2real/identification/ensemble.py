@@ -107,10 +107,8 @@ def spread_out(members: Sequence[Member], count: int) -> list[Member]:
 
 def write_ensemble(path: str | Path, content: dict[str, Any]) -> None:
     """Writes an ensemble, whole or not at all."""
-    try:
+    with store.writing(path, RunError, what="ensemble"):
         store.write_json(path, content)
-    except OSError as error:
-        raise RunError(f"can't write ensemble '{path}': {error.strerror or error}") from error
 
 
 class _MemberFile(BaseModel):

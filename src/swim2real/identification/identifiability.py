@@ -276,10 +276,9 @@ class _Studying:
             "points": [one.point for one in self._evaluated], "losses": [one.loss for one in self._evaluated],
             "residuals": [one.residual for one in self._evaluated], "failed": [one.failed for one in self._evaluated],
         }  # fmt: skip
-        try:
-            store.write_arrays(self._run.folder.path / EVALUATED, arrays)
-        except OSError as error:
-            raise RunError(f"can't write '{EVALUATED}': {store.reason(error)}; the same command goes on") from error
+        place = self._run.folder.path / EVALUATED
+        with store.writing(place, RunError, "the same command goes on"):
+            store.write_arrays(place, arrays)
         self._write(self._state)
 
     def _earlier(self) -> Study | None:
@@ -357,10 +356,8 @@ class _Studying:
     def _write(self, state: dict[str, Any]) -> None:
         self._run.folder.write_json(IDENTIFIABILITY, state)
         place, lowest = self._run.folder.path / IDENTIFIED, state["lowest"]
-        try:
+        with store.writing(place, RunError, "the same command goes on"):
             write_fit(place, self._run.problem, self._run.space.to_values(lowest["point"]), loss=lowest["loss"])
-        except OSError as error:
-            raise RunError(f"can't write '{place}': {store.reason(error)}; the same command goes on") from error
         if state["complete"]:
             (self._run.folder.path / EVALUATED).unlink(missing_ok=True)
 

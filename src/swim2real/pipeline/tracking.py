@@ -46,7 +46,7 @@ from swim2real.trials.signals import MEMORY, read_signals
 from swim2real.trials.timebase import TABLES, Timebase, by_stamps, contradictions
 from swimbase.errors import ArgumentError, TrackingError, TrialError
 from swimbase.names import composed
-from swimbase.store import read_json, reason, write_json
+from swimbase.store import read_json, write_json, writing
 
 Array = NDArray[np.float64]
 
@@ -317,9 +317,7 @@ def _finished(path: Path, fingerprint: str, folder: Path, name: str) -> Tracking
 
 
 def _make_folder(folder: Path) -> None:
-    try:
+    with writing(folder, TrackingError, "choose another with --to", what="folder"):
         folder.mkdir(parents=True, exist_ok=True)
         with TemporaryFile(dir=folder):  # without a name, so that an interruption leaves nothing
             pass
-    except OSError as error:
-        raise TrackingError(f"can't write folder '{folder}': {reason(error)}; choose another with --to") from error
