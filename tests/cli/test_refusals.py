@@ -90,7 +90,6 @@ REFUSALS = [
     ("report empty", 1, "'empty' is no run folder", "settings.json"),
     ("report empty gone", 1, "is no run folder"),
     ("report policy", 1, "'policy' is a training run, not a calibration", "`swim2real rollout`"),
-    ("report empty --out page.html", 2, "--out 'page.html'", "several runs"),
     # overlay, view
     ("overlay published --reference {POOL} --out new --width 481", 2, "width is 481 px", "even and at least 320"),
     ("overlay published --reference {POOL} --out new --fps 0", 2, "fps is 0.0", "finite and above 0"),

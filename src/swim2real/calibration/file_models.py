@@ -31,7 +31,7 @@ class Proposal(_Part):
     notes: dict[str, Any] = {}
 
 
-class Note(_Part):
+class _Note(_Part):
     """How a candidate came about."""
 
     source: Text | None = None
@@ -53,7 +53,7 @@ class RecordedEvaluation(_Part):
     reason: Text | None = None
     point: list[Share]
     values: dict[str, Number]
-    note: Note
+    note: _Note
     evidence: FitFigures
     seconds: Number | None = None
 

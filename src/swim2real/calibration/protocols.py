@@ -227,7 +227,7 @@ class Motion(Aligned):
         return {f"unfilmed_{f:g}": f for f in robot.swims.head_first}
 
 
-class Paper(_Steady):
+class _Paper(_Steady):
     """As the paper's text has it: the nominal frequency, from rest, nothing fitted, every marker counts."""
 
     name: ClassVar[ProtocolName] = "paper"
@@ -335,7 +335,7 @@ def protocol_for(
         raise ArgumentError(
             f"start is '{start}', which is for steady swims under protocol motion or aligned, not {name}"
         )
-    return Paper() if name == "paper" else Playback(pieces)
+    return _Paper() if name == "paper" else Playback(pieces)
 
 
 def _summary(

@@ -25,7 +25,7 @@ _SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP")  # SIGHUP: the connection to the fish
 
 
 @dataclass(frozen=True)
-class DeployOptions:
+class _DeployOptions:
     """What is sent, and how."""
 
     commands: Positional[Path]
@@ -60,7 +60,7 @@ class DeployOptions:
     """Print nothing but errors."""
 
 
-def deploy(options: DeployOptions) -> int:
+def deploy(options: _DeployOptions) -> int:
     """Send commands to motors at 50 Hz: to the fish's, or to several Dynamixel X motors on one bus.
 
     Reads a table with a column per actuator (time_s,velocity_rad_s for the fish) and 50 rows per second from 0 s on;
@@ -118,7 +118,7 @@ def deploy(options: DeployOptions) -> int:
     return 0 if result.complete else 1
 
 
-def _settings(options: DeployOptions, table: CommandTable) -> tuple[MotorSettings, ...]:
+def _settings(options: _DeployOptions, table: CommandTable) -> tuple[MotorSettings, ...]:
     """The motors, in the order of the table's columns."""
     if options.motors is not None:
         for name, value in (
@@ -143,7 +143,7 @@ def _settings(options: DeployOptions, table: CommandTable) -> tuple[MotorSetting
 
 
 def _prepare(
-    options: DeployOptions, table: CommandTable, motors: Sequence[MotorSettings]
+    options: _DeployOptions, table: CommandTable, motors: Sequence[MotorSettings]
 ) -> tuple[CommandTable, list[str]]:
     """The table as it will be sent, and notes on what was changed in it."""
     notes: list[str] = []
@@ -179,7 +179,7 @@ def _extent(table: CommandTable, motors: Sequence[MotorSettings]) -> str:
 
 
 @contextlib.contextmanager
-def _port(options: DeployOptions, motors: Sequence[MotorSettings]) -> Generator[str]:
+def _port(options: _DeployOptions, motors: Sequence[MotorSettings]) -> Generator[str]:
     """The port's name; for a dry run that of emulated motors, which run as a program of its own."""
     if options.port is not None:
         yield options.port
@@ -200,7 +200,7 @@ def _port(options: DeployOptions, motors: Sequence[MotorSettings]) -> Generator[
                 stdin.close()  # which ends it
 
 
-def _describe(motor: MotorSettings, identity: Identity, options: DeployOptions, port: str) -> str:
+def _describe(motor: MotorSettings, identity: Identity, options: _DeployOptions, port: str) -> str:
     reverse = ", counts in reverse (Drive Mode)" if identity.reversed else ""
     name = str(motor) if not options.dry_run else f"emulated {motor}"
     return (
@@ -224,7 +224,7 @@ def _summary(result: SendingResult, real_time: bool) -> str:
     return text
 
 
-def _as_dict(result: SendingResult, table: CommandTable, real_time: bool, options: DeployOptions) -> dict[str, object]:
+def _as_dict(result: SendingResult, table: CommandTable, real_time: bool, options: _DeployOptions) -> dict[str, object]:
     p = result.punctuality
     return {
         "complete": result.complete, "seconds": result.seconds, "commands": len(table.rows), "sent": p.sent,

@@ -217,37 +217,24 @@ def simulate(
     return 0
 
 
-def report(runs: Positional[tuple[Path, ...]], *, out: Path | None = None, robot: str | None = None) -> int:
-    """Write the report page of a run or a comparison: one self-contained HTML file that opens without a network.
+def report(runs: Positional[tuple[Path, ...]], *, robot: str | None = None) -> int:
+    """Write the report page of runs and comparisons: one self-contained HTML file that opens without a network.
 
-    For a comparison it also writes tables.md and the figures for papers (PDF, SVG and PNG). Several runs are shown side
-    by side on one page: figures, parameters, paths, and differing settings.
+    For a comparison it also writes tables.md and the figures for papers (PDF, SVG and PNG).
 
     Args:
-        runs: Folder of a run or a comparison, or folders of several runs.
-        out: Page of several runs to write; by default runs.html in the current folder. The page of one run is written
-            into its folder.
+        runs: Folders of runs and comparisons; each page is written into its folder.
         robot: Robot file, if it has moved since the runs were written.
     """
     from swim2real.api import run_robot
     from swim2real.calibration import RunFolder
     from swim2real.cli.comparison_files import write_files
     from swim2real.comparison.plan import PLAN
-    from swim2real.report import write_report, write_runs_page
-    from swim2real.report.runs_page import PAGE as RUNS_PAGE
+    from swim2real.report import write_report
 
     if not runs:
         raise ArgumentError("no run was given; give the folder of a run or a comparison")
-    if len(runs) > 1:
-        compared = next((run for run in runs if (run / PLAN).is_file()), None)
-        if compared is not None:
-            raise ArgumentError(f"'{compared}' is a comparison; a page of several shows runs, so give it alone")
-        read = [(run, run_robot(RunFolder(run), robot)) for run in runs]
-        say(str(write_runs_page(read, out or Path(RUNS_PAGE))))
-        return 0
-    if out is not None:
-        raise ArgumentError(f"--out '{out}' is the page of several runs; the page of one is written into its folder")
-    run = next(iter(runs))
-    page = write_files(run)[-1] if (run / PLAN).is_file() else write_report(run, run_robot(RunFolder(run), robot))
-    say(str(page))
+    for run in runs:
+        compared = (run / PLAN).is_file()
+        say(str(write_files(run)[-1] if compared else write_report(run, run_robot(RunFolder(run), robot))))
     return 0

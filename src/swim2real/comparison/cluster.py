@@ -124,7 +124,7 @@ def dask_cluster(address: str, root: Path, token: str) -> Generator[Executor]:
             local.close()
 
 
-def versions_seen(root: Path, token: str) -> dict[str, str]:
+def _versions_seen(root: Path, token: str) -> dict[str, str]:
     """The versions of a worker's libraries; run there.
 
     Raises:
@@ -170,7 +170,7 @@ def _worker_count(address: str) -> int:
 
 def _worker_versions(client: Any, root: Path, token: str) -> Mapping[str, Mapping[str, str]]:
     try:
-        return client.run(versions_seen, root, token)
+        return client.run(_versions_seen, root, token)
     except Swim2RealError:
         raise
     except Exception as error:  # Dask wraps what a worker raises or lacks in errors of many kinds

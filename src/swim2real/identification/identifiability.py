@@ -91,7 +91,7 @@ class Direction(BaseModel):
     parameters: dict[str, FiniteFloat]
 
 
-class PredictedSpeeds(BaseModel):
+class _PredictedSpeeds(BaseModel):
     """Steady forward speed over the frequency of the motor, by the sets that fit.
 
     Attributes:
@@ -139,7 +139,7 @@ class Study(BaseModel, extra="allow"):
     weight: FiniteFloat = 0.0
     draws: list[list[Share]] = []
     checked: list[_Point] = []
-    speeds: PredictedSpeeds | None = None
+    speeds: _PredictedSpeeds | None = None
 
     @model_validator(mode="after")
     def _one_number_per_parameter(self) -> Self:

@@ -59,7 +59,7 @@ class _Start:
 
 
 @dataclass(frozen=True)
-class MethodEntry:
+class _MethodEntry:
     """A method of calibration.
 
     Attributes:
@@ -155,18 +155,18 @@ def _staged(start: _Start) -> Optimizer:
     return Staged(start.first, stages, start.settings.budget or PAPER_BUDGET, BayesianOptimization, start.rng, held)
 
 
-METHODS: dict[Method, MethodEntry] = {
-    "line-search": MethodEntry(_advised, advised=True),
-    "proposal-search": MethodEntry(_advised, advised=True, by_default=False),
-    "random": MethodEntry(lambda start: RandomSearch(len(start.space), start.rng, start.first)),
+METHODS: dict[Method, _MethodEntry] = {
+    "line-search": _MethodEntry(_advised, advised=True),
+    "proposal-search": _MethodEntry(_advised, advised=True, by_default=False),
+    "random": _MethodEntry(lambda start: RandomSearch(len(start.space), start.rng, start.first)),
     # begins where its own population does, as in the paper
-    "cma-es": MethodEntry(lambda start: CmaEs(len(start.space), start.rng)),
-    "bayesopt": MethodEntry(lambda start: BayesianOptimization(len(start.space), start.rng, start.first), cost=3.0),
-    "least-squares": MethodEntry(lambda start: LeastSquares(start.first, start.rng)),
-    "multi-start": MethodEntry(lambda start: _spread_starts(start.robot, start.first, start.rng), by_default=False),
-    "mujoco-sysid": MethodEntry(
+    "cma-es": _MethodEntry(lambda start: CmaEs(len(start.space), start.rng)),
+    "bayesopt": _MethodEntry(lambda start: BayesianOptimization(len(start.space), start.rng, start.first), cost=3.0),
+    "least-squares": _MethodEntry(lambda start: LeastSquares(start.first, start.rng)),
+    "multi-start": _MethodEntry(lambda start: _spread_starts(start.robot, start.first, start.rng), by_default=False),
+    "mujoco-sysid": _MethodEntry(
         lambda start: CallbackSolver(start.first, start.rng, least_squares(start.space), "mujoco.sysid"),
         by_default=False,
     ),
-    "staged": MethodEntry(_staged, planned_by_budget=True, cost=2.0),
+    "staged": _MethodEntry(_staged, planned_by_budget=True, cost=2.0),
 }

@@ -16,7 +16,7 @@ CHART = "next.png"
 _ROW = 0.17  # inches
 
 
-def volumes(trials: Sequence[Mapping[str, Any]]) -> Figure:
+def _volumes(trials: Sequence[Mapping[str, Any]]) -> Figure:
     """Expected volume of the sets' region by trial, the first one highlighted.
 
     Args:
@@ -38,4 +38,4 @@ def write_chart(folder: Path, trials: Sequence[Mapping[str, Any]]) -> None:
         RunError: It can't be written.
     """
     with paper_style(), store.writing(folder / CHART, RunError), store.whole_file(folder / CHART) as part:
-        volumes(trials).savefig(part, format="png", dpi=200, metadata={"Software": None})
+        _volumes(trials).savefig(part, format="png", dpi=200, metadata={"Software": None})

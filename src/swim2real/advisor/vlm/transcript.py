@@ -77,7 +77,7 @@ class ShownMedia:
 
 
 @dataclass(frozen=True)
-class ShownRequest:
+class _ShownRequest:
     """What was shown in a request, as `Request` has it."""
 
     parts: tuple[ShownMedia | str, ...] = ()
@@ -115,7 +115,7 @@ class Call:
     incumbent: Incumbent
     reply: Reply | None
     attempts: tuple[Attempt, ...]
-    request: ShownRequest = ShownRequest()
+    request: _ShownRequest = _ShownRequest()
     turn: Annotated[int, Field(gt=0, lt=_MOST_CALLS)] = 1
     format: Literal[1] = 1
 
@@ -212,7 +212,7 @@ class Transcript:
         with writing(self.folder, AdvisorError, remedy, what="transcript"):
             (self.folder / MEDIA).mkdir(parents=True, exist_ok=True)
             parts = tuple(part if isinstance(part, str) else self._write_media(part) for part in request.parts)
-            shown = ShownRequest(parts, request.instructions, request.schema, request.max_tokens)
+            shown = _ShownRequest(parts, request.instructions, request.schema, request.max_tokens)
             # a failed call has attempts as well, so they stand beside the reply
             whole = _CALL.dump_python(replace(call, number=number, request=shown), exclude={"reply": {"attempts"}})
             write_json(path, _kept(whole), indent=1)
