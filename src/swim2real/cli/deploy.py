@@ -10,13 +10,14 @@ from collections.abc import Generator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+from tyro.conf import Positional
+
 from motorline.commands import FISH, XW540_T140, CommandTable, MotorLimits, is_speed, read_table
 from motorline.control_table import MotorError
 from motorline.motors import APPROACH, Identity, Motors
 from motorline.motors_file import MotorSettings, fish_motor, read_motors
 from motorline.schedule import ON_TIME, real_time_priority
 from motorline.sending import SendingResult, check_time, log_file, log_header, send
-from swim2real.cli.options import Positional
 from swim2real.cli.terminal import say, say_json, tell
 from swim2real.interruption import Interruption
 from swimbase.errors import ArgumentError

@@ -7,7 +7,10 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from swim2real.cli.options import From, Positional
+from tyro.conf import Positional
+
+from swim2real.cli import options as opt
+from swim2real.cli.options import From
 from swim2real.cli.terminal import say, say_json, tell
 from swim2real.settings import EvaluationSettings
 from swimbase.errors import ArgumentError
@@ -17,8 +20,8 @@ if TYPE_CHECKING:
 
 
 def evaluate(
-    parameters: Positional[Path], settings: EvaluationSettings, *, reference: Path, robot: str | None = None,
-    sensitivity: bool = False, begin: float | None = None, json: bool = False,
+    parameters: Positional[Path], settings: EvaluationSettings, *, reference: opt.Reference,
+    robot: opt.RobotOfValues = None, sensitivity: bool = False, begin: float | None = None, json: opt.Json = False,
 ) -> int:  # fmt: skip
     """Compare parameters with real trials: every figure, per trial and per marker.
 
@@ -28,13 +31,9 @@ def evaluate(
     Args:
         parameters: Run folder or parameters file; 'published' for the prior work's values. Or COMMANDS.expected.json.
         settings: How they are compared.
-        reference: Folder with the real trials.
-        robot: Robot file, if it has moved since the run or the parameters file was written; with 'published', the robot
-            whose own values are used.
         sensitivity: Also print each parameter's effect on the loss: about 30 more evaluations.
         begin: For an expected run: time of the first command on the trial's clock [s]; by default that of the first row
             of its controls, or of its first frame.
-        json: Print JSON in SI units.
     """
     if parameters.name.endswith(".expected.json"):
         return _evaluate_run(parameters, reference, begin, json)
@@ -87,9 +86,9 @@ def _evaluate_run(path: Path, reference: Path, begin: float | None, json: bool) 
 
 
 def overlay(
-    parameters: Positional[Path], settings: EvaluationSettings, *, reference: Path, out: Path,
-    robot: str | None = None, fps: float = 30.0, width: int = 960, video: tuple[Path, ...] = (),
-    camera: Path | None = None, begin: From = (), until: tuple[float, ...] = (),
+    parameters: Positional[opt.ValuesPath], settings: EvaluationSettings, *, reference: opt.Reference, out: Path,
+    robot: opt.RobotOfValues = None, fps: float = 30.0, width: int = 960, video: tuple[Path, ...] = (),
+    camera: Path | None = None, begin: From = (), until: opt.Until = (),
 ) -> int:  # fmt: skip
     """Draw simulated trials over real ones, as films and pictures.
 
@@ -98,19 +97,14 @@ def overlay(
     instead and writes NAME.on-film.mp4: on the real path, in phase and registered, as in the loss.
 
     Args:
-        parameters: Run folder or parameters file; 'published' for the prior work's values.
         settings: How they are compared.
-        reference: Folder with the real trials.
         out: Folder to write.
-        robot: Robot file, if it has moved since the run or the parameters file was written; with 'published', the robot
-            whose own values are used.
         fps: Frames per second of the films.
         width: Width of the films [px].
         video: Your own films of the trials, each named like its trial.
         camera: Camera file that the films were tracked with.
         begin: Time of the film at which the trial begins [s], one for all films or one for each; by default as it was
             tracked.
-        until: Draw up to this time of the film [s]; one for all films, or one for each.
     """
     from swim2real.cli.subject import problem_of
     from swim2real.pipeline.overlays import write_overlays
@@ -157,8 +151,8 @@ def _draw_on_films(
 
 
 def simulate(
-    parameters: Positional[Path], *, frequency: tuple[float, ...], out: Path, robot: str | None = None,
-    seconds: float = 4.0, rate: float = 60.0, from_rest: bool = False, threads: int = 0,
+    parameters: Positional[opt.ValuesPath], *, frequency: tuple[float, ...], out: Path, robot: opt.RobotOfValues = None,
+    seconds: float = 4.0, rate: float = 60.0, from_rest: bool = False, threads: opt.Threads = 0,
 ) -> int:  # fmt: skip
     """Simulate swims and write the markers' paths.
 
@@ -167,15 +161,11 @@ def simulate(
     (K, F, T, M, 2) m.
 
     Args:
-        parameters: Run folder or parameters file; 'published' for the prior work's values.
         frequency: Motor frequencies [Hz].
         out: File to write.
-        robot: Robot file, if it has moved since the run or the parameters file was written; with 'published', the robot
-            whose own values are used.
         seconds: Length of each swim [s].
         rate: Samples per second [Hz].
         from_rest: Start from rest with the motor turning; by default a steady cycle from motor angle 0.
-        threads: Swims simulated in parallel; 0 for all cores.
     """
     import numpy as np
 
@@ -217,14 +207,13 @@ def simulate(
     return 0
 
 
-def report(runs: Positional[tuple[Path, ...]], *, robot: str | None = None) -> int:
+def report(runs: Positional[tuple[Path, ...]], *, robot: opt.RobotOfRun = None) -> int:
     """Write the report page of runs and comparisons: one self-contained HTML file that opens without a network.
 
     For a comparison it also writes tables.md and the figures for papers (PDF, SVG and PNG).
 
     Args:
         runs: Folders of runs and comparisons; each page is written into its folder.
-        robot: Robot file, if it has moved since the runs were written.
     """
     from swim2real.api import run_robot
     from swim2real.calibration import RunFolder

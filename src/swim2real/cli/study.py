@@ -8,7 +8,10 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from swim2real.cli.options import Positional, word
+from tyro.conf import Positional
+
+from swim2real.cli import options as opt
+from swim2real.cli.options import word
 from swim2real.cli.terminal import say, say_json, tell
 from swim2real.settings import EnsembleSettings, IdentifiabilitySettings, all_cores
 from swimbase.errors import ArgumentError
@@ -23,8 +26,8 @@ _OFTEN = 5.0  # s between lines of progress
 
 
 def identify(
-    run: Positional[Path], settings: IdentifiabilitySettings, *, reference: Path, robot: str | None = None,
-    again: bool = False, threads: int = 0, json: bool = False, quiet: bool = False,
+    run: Positional[Path], settings: IdentifiabilitySettings, *, reference: opt.Reference, robot: opt.RobotOfRun = None,
+    again: bool = False, threads: opt.Threads = 0, json: opt.Json = False, quiet: opt.Quiet = False,
 ) -> int:  # fmt: skip
     """Report which parameters, and combinations of them, the trials determine, with intervals.
 
@@ -36,12 +39,7 @@ def identify(
     Args:
         run: Run folder.
         settings: What decides the result.
-        reference: Folder with the real trials that the run was made with.
-        robot: Robot file, if it has moved since the run was written.
         again: Start again even if there is a study.
-        threads: Swims simulated in parallel; 0 for all cores. Results don't depend on it.
-        json: Print JSON in SI units.
-        quiet: Print no progress.
     """
     from swim2real.calibration.convergence import ends_of
     from swim2real.cli.subject import robot_for
@@ -120,8 +118,8 @@ def _print_so_far(run: FinishedRun) -> None:
 
 
 def ensemble(
-    runs: Positional[tuple[Path, ...]], settings: EnsembleSettings, *, reference: Path, out: Path,
-    robot: str | None = None, json: bool = False,
+    runs: Positional[tuple[Path, ...]], settings: EnsembleSettings, *, reference: opt.Reference, out: Path,
+    robot: opt.RobotOfRun = None, json: opt.Json = False,
 ) -> int:  # fmt: skip
     """Collect parameter sets that fit nearly as well as the best, as ranges for domain randomization.
 
@@ -131,10 +129,7 @@ def ensemble(
     Args:
         runs: Run folders of one robot, protocol and reference.
         settings: What decides the result.
-        reference: Folder with the real trials that the runs were made with.
         out: File to write.
-        robot: Robot file, if it has moved since the runs were written.
-        json: Print the file's content.
     """
     from swim2real.cli import tables
     from swim2real.cli.subject import robot_for
@@ -171,8 +166,8 @@ def ensemble(
 
 
 def next_trial(
-    run: Positional[Path], *, reference: Path, robot: str | None = None, out: Path | None = None, threads: int = 0,
-    seed: int = 0, json: bool = False, quiet: bool = False,
+    run: Positional[Path], *, reference: opt.Reference, robot: opt.RobotOfRun = None, out: Path | None = None,
+    threads: opt.Threads = 0, seed: int = 0, json: opt.Json = False, quiet: opt.Quiet = False,
 ) -> int:  # fmt: skip
     """Propose the trial to film next: the one that would narrow the sets that fit the most.
 
@@ -183,13 +178,8 @@ def next_trial(
 
     Args:
         run: Run folder with a study by `identify`.
-        reference: Folder with the real trials that the run was made with.
-        robot: Robot file, if it has moved since the run was written.
         out: Folder to write; by default `next` in the run folder.
-        threads: Simulations in parallel; 0 for all cores. Results don't depend on it.
         seed: Decides which of the sets are compared.
-        json: Print JSON.
-        quiet: Print no progress.
     """
     from motorline.commands import FISH, read_table
     from swim2real.cli.subject import robot_for
