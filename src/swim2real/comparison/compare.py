@@ -23,8 +23,8 @@ from swim2real.calibration.run_folder import RECORD, SETTINGS
 from swim2real.comparison.cluster import SESSION, SessionEnded, check_session, dask_cluster, explain_failure, session
 from swim2real.comparison.plan import PROBLEM, RUNS, Job, Plan, read_plan
 from swim2real.comparison.results import ComparisonResults, read_results, write_results
+from swim2real.methods import METHODS
 from swim2real.pipeline import calibrate
-from swim2real.pipeline.methods import METHODS
 from swim2real.processes import ProcessPool
 from swim2real.robots.read_back import check_targets
 from swim2real.robots.robot import Robot
