@@ -147,7 +147,7 @@ def demo(
         study = study_shown(opened, IdentifiabilitySettings(), outdated(opened), quiet)
     code = 1 if outcome is None else _told(outcome, out / "run", quiet, False)
     if not quiet and code == 0:
-        intervals = {name: one["interval_95"] for name, one in study["intervals"].items()} if study else {}
+        intervals = {name: one.interval_95 for name, one in study.intervals.items()} if study else {}
         tables.truth(open_run(out / "run").values, hidden_values(), intervals)
     if not quiet:
         say(f"The demo took {time.monotonic() - began:.0f} s. Overlays: {out / 'reference' / 'tracks'}")

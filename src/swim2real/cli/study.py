@@ -6,7 +6,7 @@ import time
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from tyro.conf import Positional
 
@@ -18,6 +18,7 @@ from swimbase.errors import ArgumentError
 
 if TYPE_CHECKING:
     from swim2real.identification.finished_run import FinishedRun
+    from swim2real.identification.identifiability import Study
     from swim2real.identification.next_trial import JudgedTrial
 
 _DIRECTIONS = 4  # that are printed of the best determined ones, and of the others
@@ -52,13 +53,13 @@ def identify(
     if begins and not quiet and len(ends_of(opened.folder.record(), opened.folder.outcome())) < 2:
         tell("the run has followed fewer than two starts to the end, so no parameter will count as identified; Ctrl-C, "
              "and swim2real calibrate --resume without --budget follows more")  # fmt: skip
-    content = study_shown(opened, settings, again, quiet)
-    if content is None:
+    study = study_shown(opened, settings, again, quiet)
+    if study is None:
         return 1
     if json:
-        say_json(content)
+        say_json(study.content())
     else:
-        _print(content)
+        _print(study)
         say(
             f"The values at the lowest loss: {run / IDENTIFIED}; export-model, evaluate and train take this file in "
             f"place of the run."
@@ -68,11 +69,11 @@ def identify(
 
 def study_shown(
     run: FinishedRun, settings: IdentifiabilitySettings, again: bool, quiet: bool
-) -> dict[str, Any] | None:  # fmt: skip
+) -> Study | None:  # fmt: skip
     """Studies a run with its progress shown; None when it is interrupted, which is reported."""
     from swim2real.cli.tables import progress_console
     from swim2real.identification.identifiability import StudyProgress
-    from swim2real.identification.identifiability import identify as study
+    from swim2real.identification.identifiability import identify as identified
     from swim2real.interruption import Interruption
 
     console, begun = progress_console(), time.monotonic()
@@ -93,7 +94,7 @@ def study_shown(
                         f"about {left:.0f} s left"
                     )
 
-            return study(run, settings, again, show, interruption.check)
+            return identified(run, settings, again, show, interruption.check)
     except KeyboardInterrupt:
         if not quiet:
             _print_so_far(run)
@@ -239,31 +240,31 @@ def _print_trials(judged: Sequence[JudgedTrial]) -> None:
         say(f"Left out: {names}; of the first, {left_out[0].reason}.")
 
 
-def _print(content: Mapping[str, Any]) -> None:
+def _print(study: Study) -> None:
     """The verdicts of a study of identifiability."""
     from swim2real.cli import tables
     from swim2real.identification.identifiability import IDENTIFIED
 
-    start, lowest = (1e3 * content[key]["loss"] for key in ("start", "lowest"))
+    start, lowest = 1e3 * study.start.loss, 1e3 * study.lowest.loss
     say(f"Lowest loss: {lowest:.2f} mm.")
     if lowest < start:
         say(
             f"That is a better fit than the run's, {start:.2f} mm, by {100 * (1 - lowest / start):.0f} %: the "
             f"intervals are about it, and its values are in {IDENTIFIED}."
         )
-    if content["doubt"]:
-        say(f"{content['doubt']}.")
+    if study.doubt:
+        say(f"{study.doubt}.")
     rows = [
-        (name, one["verdict"], "{:.3g} to {:.3g}".format(*one["interval_95"]), f"{100 * one['width']:.0f} %")
-        for name, one in content["intervals"].items()
+        (name, one.verdict, "{:.3g} to {:.3g}".format(*one.interval_95), f"{100 * one.width:.0f} %")
+        for name, one in study.intervals.items()
     ]  # fmt: skip
     tables.table("Sets that fit", ("parameter", "determined", "95 % interval", "of range"), rows)
-    found = content["directions"]
+    found = study.directions
     shown = found[:_DIRECTIONS] + found[_DIRECTIONS:][-_DIRECTIONS:]
     tables.table(
-        f"Combinations, the best determined first ({content['determined']:.1f} of {len(rows)} are determined)",
+        f"Combinations, the best determined first ({study.determined:.1f} of {len(rows)} are determined)",
         ("spread, of the range", "parameters"),
-        [(f"{100 * direction['spread']:.1f} %", _named(direction["parameters"])) for direction in shown],
+        [(f"{100 * direction.spread:.1f} %", _named(direction.parameters)) for direction in shown],
     )
 
 

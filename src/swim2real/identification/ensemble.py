@@ -137,7 +137,7 @@ def read_ensemble(path: str | Path, robot: Robot) -> list[Values]:
     ]
 
 
-def _common_conditions(runs: Sequence[FinishedRun]) -> dict[str, Any]:
+def _common_conditions(runs: Sequence[FinishedRun]) -> dict[str, object]:
     if not runs:
         raise ArgumentError("an ensemble needs at least one run")
     first = runs[0].conditions()
@@ -173,7 +173,7 @@ def _near(members: Sequence[Member], limit: float) -> list[Member]:
     return kept
 
 
-def _ranges(run: FinishedRun, values: Array) -> dict[str, dict[str, Any]]:
+def _ranges(run: FinishedRun, values: Array) -> dict[str, dict[str, str | float]]:
     quantiles = np.percentile(values, (0, 5, 50, 95, 100), axis=0).T
     names = ("min", "p5", "median", "p95", "max")
     return {
