@@ -20,10 +20,13 @@ from collections.abc import Generator, Iterable, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
-from typing import Any, cast
+from typing import TYPE_CHECKING, Any, cast
 from zipfile import ZipFile
 
 from swimbase.errors import Swim2RealError
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
 
 MOST_ARRAYS = 1 << 29  # bytes of arrays in a file that isn't expected to have more
 PART = ".part"  # suffix of a file that is still being written
@@ -310,7 +313,7 @@ def from_toml(content: bytes) -> dict[str, Any]:
 
 def _check_values(content: Any) -> None:
     if isinstance(content, dict):
-        for key, value in cast("dict[str, Any]", content).items():
+        for key, value in cast("dict[str, object]", content).items():
             _check_values(key)
             _check_values(value)
     elif isinstance(content, list):
@@ -349,7 +352,7 @@ def _place_of_constant(content: Any) -> str:
 
 def _holds_constant(entry: Any) -> bool:
     if isinstance(entry, dict | list):
-        values = cast("dict[str, Any]", entry).values() if isinstance(entry, dict) else cast("list[Any]", entry)
+        values = cast("dict[str, object]", entry).values() if isinstance(entry, dict) else cast("list[Any]", entry)
         return any(map(_holds_constant, values))
     return isinstance(entry, float) and not math.isfinite(entry)
 
@@ -380,7 +383,7 @@ def _whole(digits: str) -> int:
     return int(digits)
 
 
-def read_arrays(path: str | Path, most: int = MOST_ARRAYS) -> dict[str, Any]:
+def read_arrays(path: str | Path, most: int = MOST_ARRAYS) -> dict[str, NDArray[Any]]:
     """The arrays of an .npz file, by name. Pickles in it are refused, not loaded.
 
     Args:

@@ -288,7 +288,7 @@ def test_a_parameter_that_may_be_anywhere_is_not_told(capsys, end, untold):
 def test_calibrate_quietly_only_warns_of_a_fit_that_swims_backward(program, pool_folder, tmp_path, new_fluid_law):
     out = tmp_path / "run"
     program("calibrate", pool_folder, "--out", out, "--budget", 1, "--horizon", 1, "--quiet").done()
-    warning = backward_from_rest(RunFolder(out).outcome().to_json()["from_rest"])
+    warning = backward_from_rest(RunFolder(out).outcome().from_rest)
     assert warning or new_fluid_law  # a random fish, which with the older lift force swims tail first
     lines = program.err.splitlines()
     assert all(line.startswith("swim2real: warning: ") for line in lines)

@@ -175,7 +175,7 @@ class _Ahead:
         return next(self._comparisons)
 
 
-def _entry(index: int, candidate: Candidate, space: ParameterSpace, comparison: Comparison) -> dict[str, Any]:
+def _entry(index: int, candidate: Candidate, space: ParameterSpace, comparison: Comparison) -> dict[str, object]:
     return {
         "index": index,
         "loss": comparison.loss,

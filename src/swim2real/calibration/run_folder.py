@@ -8,6 +8,8 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, cast
 
+from numpy.typing import NDArray
+
 from swim2real.calibration.file_models import Outcome, RecordedEvaluation
 from swim2real.calibration.run_settings import FORMAT, RunSettings
 from swim2real.parameters.file import BEST
@@ -158,7 +160,7 @@ class RunFolder:
         with self._disk():
             store.write_arrays(self.path / name, arrays)
 
-    def read_arrays(self, name: str) -> dict[str, Any]:
+    def read_arrays(self, name: str) -> dict[str, NDArray[Any]]:
         """The content of an .npz file that was written when the run ended.
 
         Raises:

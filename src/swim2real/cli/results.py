@@ -49,7 +49,7 @@ def evaluate(
     content = evidence(problem.evaluate(values))
     effects = sensitivities(problem, problem.robot.space, values) if sensitivity else None
     if json:
-        told = None if effects is None else [effect.as_dict() for effect in effects]
+        told = None if effects is None else [asdict(effect) for effect in effects]
         say_json({**content, "engine": problem.engine.as_dict(), "sensitivity": told})
         return 0
     fit, simulated = FitFigures.model_validate(content), problem.robot

@@ -112,7 +112,7 @@ def write_ensemble(path: str | Path, content: dict[str, Any]) -> None:
 
 
 class _MemberFile(BaseModel):
-    parameters: dict[str, Any]
+    parameters: dict[str, object]
 
 
 class _EnsembleFile(BaseModel):

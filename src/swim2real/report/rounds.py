@@ -214,7 +214,7 @@ def _consultation(
 def _mended(notes: Mapping[str, Any], space: ParameterSpace) -> Texts:
     corrections: list[tuple[str, str]] = []
     clipped = notes.get("clipped")
-    for name, value in (cast("dict[str, Any]", clipped) if isinstance(clipped, dict) else {}).items():
+    for name, value in (cast("dict[str, object]", clipped) if isinstance(clipped, dict) else {}).items():
         if name in space.names and isinstance(value, int | float):
             bound = min(max(value, space[name].lower), space[name].upper)
             moved = f"{name} {significant(value)} → {significant(bound)} {space[name].unit}".removesuffix(" -")

@@ -107,7 +107,7 @@ class Actor:
         """Writes the network, and as JSON what it is about and the shapes of its layers."""
         layers = self._layers()
         about = {**about, "layers": {name: list(layer.weight.shape) for name, layer in layers.items()}}
-        arrays: dict[str, Any] = {_ABOUT: np.array(json.dumps(about))}
+        arrays: dict[str, NDArray[Any]] = {_ABOUT: np.array(json.dumps(about))}
         for name, layer in layers.items():
             arrays[f"{name}.weight"], arrays[f"{name}.bias"] = layer.weight, layer.bias
         write_arrays(path, arrays)

@@ -214,7 +214,7 @@ class Environments:
             )
         self.task.stage = stage  # type: ignore[attr-defined] - a task with stages has a present one
 
-    def save(self) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
+    def save(self) -> tuple[dict[str, NDArray[Any]], dict[str, object]]:
         """Everything that decides how running episodes go on: arrays, and plain JSON."""
         physics = [self.robots.physics(i) for i in range(self.count)]
         arrays: dict[str, NDArray[Any]] = {
@@ -239,7 +239,7 @@ class Environments:
             rng.bit_generator.state = state
 
     @property
-    def interface(self) -> dict[str, Any]:
+    def interface(self) -> dict[str, object]:
         """What a policy is made for: where in an observation each part is, and the actuators that it commands."""
         places = {part: [where.start, where.stop] for part, where in self.names.items()}
         return {"observation": places, "actions": list(self.bodies.actuators.names)}

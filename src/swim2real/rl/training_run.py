@@ -253,7 +253,7 @@ def check_same_settings(folder: Path, content: Mapping[str, Any]) -> None:
     """
     check_there(folder)
     path = folder / SETTINGS
-    recorded = read(dict[str, Any], path, "training settings", RunError)
+    recorded = read(dict[str, object], path, "training settings", RunError)
     for key, value in content.items():
         if recorded.get(key) != value:
             raise RunError(

@@ -59,7 +59,7 @@ class _ParsedReply:
     step_sizes: tuple[float, ...] = ()
     alternatives: tuple[_ParsedReply, ...] = ()
 
-    def notes(self) -> dict[str, Any]:
+    def notes(self) -> dict[str, object]:
         """What was corrected without asking again, ready for JSON."""
         notes = {"ignored": list(self.ignored), "missing": list(self.missing), "clipped": dict(self.clipped)}
         return {name: content for name, content in notes.items() if content}
@@ -100,7 +100,7 @@ class _Try(BaseModel):
     model_config = ConfigDict(strict=True, extra="ignore")
 
     reasoning: Text = ""
-    parameters: dict[str, Any] = {}
+    parameters: dict[str, object] = {}
     step_sizes: Annotated[list[StepSize], Field(max_length=_MOST_TRIES)] | None = None
 
 
@@ -111,7 +111,7 @@ class _Answer(_Try):
     alternatives: Annotated[list[_Try], Field(max_length=_MOST_TRIES)] | None = None
 
 
-def reply_schema(space: ParameterSpace, bounds: bool = False, several: bool = False) -> dict[str, Any]:
+def reply_schema(space: ParameterSpace, bounds: bool = False, several: bool = False) -> dict[str, object]:
     """JSON schema of a reply.
 
     Args:
@@ -119,13 +119,13 @@ def reply_schema(space: ParameterSpace, bounds: bool = False, several: bool = Fa
         bounds: Whether it says what a value may be. Services refuse schemas with many bounds.
         several: Whether it has step sizes and alternatives.
     """
-    numbers: dict[str, Any] = {}
+    numbers: dict[str, object] = {}
     for parameter in space:
         limits = {"minimum": parameter.lower, "maximum": parameter.upper} if bounds else {}
         numbers[parameter.name] = {"type": "number", "description": parameter.unit, **limits}
     texts = {"diagnosis": "what differs, seen and measured", "reasoning": "which parameters are responsible, and why"}
     steps = {"type": "array", "items": {"type": "number"}, "description": "shares of the way to try, in order"}
-    properties: dict[str, Any] = {name: {"type": "string", "description": text} for name, text in texts.items()}
+    properties: dict[str, object] = {name: {"type": "string", "description": text} for name, text in texts.items()}
     properties |= {
         "parameters": _object(numbers),
         "probe": {"type": "boolean", "description": "true: only measure these values, don't go there"},
@@ -142,7 +142,7 @@ def reply_schema(space: ParameterSpace, bounds: bool = False, several: bool = Fa
     return _object(properties)
 
 
-def _object(properties: Mapping[str, Any]) -> dict[str, Any]:
+def _object(properties: Mapping[str, object]) -> dict[str, object]:
     return {"type": "object", "properties": properties, "required": list(properties), "additionalProperties": False}
 
 
@@ -210,9 +210,9 @@ def _tried(answer: _Try, texts: tuple[str, str], space: ParameterSpace, current:
     return _ParsedReply(values, *texts, ignored, missing, clipped, step_sizes=sizes)
 
 
-def _json_object(text: str) -> dict[str, Any]:
+def _json_object(text: str) -> dict[str, object]:
     """The last JSON object in a text that has parameters."""
-    objects: list[dict[str, Any]] = []
+    objects: list[dict[str, object]] = []
     problem = ""
     at = text.find("{")
     for _ in range(_MOST_BRACES):

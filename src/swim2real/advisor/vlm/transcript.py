@@ -82,7 +82,7 @@ class _ShownRequest:
 
     parts: tuple[ShownMedia | str, ...] = ()
     instructions: str = ""
-    schema: Mapping[str, Any] = field(default_factory=dict[str, Any])
+    schema: Mapping[str, object] = field(default_factory=dict[str, object])
     max_tokens: int = 0
 
 
