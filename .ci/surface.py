@@ -34,6 +34,27 @@ def public_definitions(text: str) -> int:
     return sum(not node.name.startswith("_") for node in named)
 
 
+def constants(text: str) -> int:
+    """Numeric constants of a module that have a name, in a tuple each one."""
+    count = 0
+    for node in ast.parse(text).body:
+        if isinstance(node, ast.Assign | ast.AnnAssign) and node.value is not None and _numeric(node.value):
+            target = node.targets[0] if isinstance(node, ast.Assign) else node.target
+            named = target.elts if isinstance(target, ast.Tuple) else [target]
+            count += sum(isinstance(name, ast.Name) and name.id.isupper() for name in named)
+    return count
+
+
+def _numeric(node: ast.expr) -> bool:
+    if isinstance(node, ast.Tuple | ast.List):
+        return bool(node.elts) and all(map(_numeric, node.elts))
+    if isinstance(node, ast.BinOp):
+        return _numeric(node.left) and _numeric(node.right)
+    if isinstance(node, ast.UnaryOp):
+        return _numeric(node.operand)
+    return isinstance(node, ast.Constant) and isinstance(node.value, int | float) and not isinstance(node.value, bool)
+
+
 def lines(text: str) -> int:
     return len(text.splitlines())
 
@@ -47,8 +68,10 @@ def main() -> int:
     sizes = {
         "files": len(list((ROOT / "src").rglob("*.py"))),
         "code_lines": total("src", ".py", code_lines),
+        "swim2real_lines": total("src/swim2real", ".py", code_lines),
         "public_definitions": total("src", ".py", public_definitions),
         "any_dicts": total("src", ".py", lambda text: text.count("dict[str, Any]")),
+        "named_constants": total("src", ".py", constants),
         "test_lines": total("tests", ".py", lines),
         "docs_lines": total("docs", ".md", lines),
         "readme_lines": lines((ROOT / "README.md").read_text(encoding="utf-8")),

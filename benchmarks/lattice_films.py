@@ -22,6 +22,7 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
+from csrt import CsrtTracker
 from lattice_camera import drawn, write
 from lattice_looks import filmed
 from lattice_real import KINDS, real_film
@@ -30,7 +31,6 @@ from lattice_truth import Array, Film
 from numpy.typing import NDArray
 
 from markertrack.tracking.markers import MarkerTracker
-from markertrack.tracking.opencv import CsrtTracker
 from markertrack.tracking.tracker import Tracker
 from markertrack.video import VideoReader
 from swimbase.errors import TrackingError

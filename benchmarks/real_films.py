@@ -18,11 +18,11 @@ from typing import Any
 
 import cv2
 import numpy as np
+from csrt import CsrtTracker
 from numpy.typing import NDArray
 
 from markertrack.points import load_points
 from markertrack.tracking.markers import MarkerTracker
-from markertrack.tracking.opencv import CsrtTracker
 from markertrack.tracking.tracker import Tracker
 from markertrack.video import VideoReader
 from swim2real.robots import load_robot

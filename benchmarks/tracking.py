@@ -27,11 +27,11 @@ from numpy.typing import NDArray
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "examples"))
 
+from csrt import CsrtTracker
 from pool import Filmed
 from tracking_clips import CSRT_CLIPS, SUITE, Array, Clip, random_clip
 
 from markertrack.tracking.detection import DetectionTracker
-from markertrack.tracking.opencv import CsrtTracker
 from markertrack.video import VideoReader
 from swimbase.errors import TrackingError
 

@@ -12,7 +12,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from markertrack.tracking.opencv import TagTracker
+from markertrack.tracking.tags import TagTracker
 from markertrack.video import VideoReader, VideoWriter
 from swimbase.errors import TrackingError
 

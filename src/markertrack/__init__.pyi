@@ -5,7 +5,14 @@ from .camera_file import read_camera as read_camera
 from .camera_file import write_camera as write_camera
 from .cleaning import fill_gaps as fill_gaps
 from .cleaning import smooth as smooth
+from .film import HowToTrack as HowToTrack
+from .film import TrackedFilm as TrackedFilm
+from .film import track_film as track_film
+from .following import FrameProgress as FrameProgress
+from .following import write_review as write_review
+from .layout import Layout as Layout
 from .overlay import TrackOverlay as TrackOverlay
+from .pages import write_pick_page as write_pick_page
 from .points import Anchor as Anchor
 from .points import load_anchors as load_anchors
 from .points import load_points as load_points
@@ -13,6 +20,7 @@ from .points import save_points as save_points
 from .quality import LostMarkers as LostMarkers
 from .quality import TrackQuality as TrackQuality
 from .quality import check_bodies as check_bodies
+from .quality import check_lost as check_lost
 from .quality import check_track as check_track
 from .span import Span as Span
 from .track import MarkerTrack as MarkerTrack

@@ -13,6 +13,7 @@ from itertools import combinations
 import numpy as np
 
 from markertrack.camera_file import CameraFile, Lens
+from markertrack.layout import Layout
 from markertrack.track import MarkerTrack
 from markertrack.tracking.tracker import Array
 from swimbase.errors import TrackingError
@@ -185,9 +186,8 @@ class Camera:
 
 
 def camera_for(
-    track: MarkerTrack, rest_markers: Array, heights: Array, names: Sequence[str], rigid: Sequence[int],
-    known: CameraFile | None = None, size: tuple[int, int] | None = None,
-) -> Camera:  # fmt: skip
+    track: MarkerTrack, layout: Layout, known: CameraFile | None = None, size: tuple[int, int] | None = None
+) -> Camera:
     """The camera that took a video, from what it saw and what a person knows about it.
 
     The scale is the median of the lengths in the camera file; without any, of the distances of markers that are rigid
@@ -197,10 +197,7 @@ def camera_for(
 
     Args:
         track: Track in pixels of the upright video.
-        rest_markers: Marker positions of the straight robot [m]. Shape (M, 2).
-        heights: Heights of the markers [m]. Shape (M,).
-        names: Names of the M markers.
-        rigid: Indices of markers that keep their distances as the robot moves.
+        layout: The M markers.
         known: What the camera file says; None without one.
         size: Width and height of the upright video [px], whose center is taken to lie straight below the camera.
 
@@ -208,8 +205,9 @@ def camera_for(
         TrackingError: There is no scale, or the camera file contradicts itself or the video.
     """
     camera = known if known is not None else CameraFile()
-    if not track.marker_count == len(rest_markers) == len(heights) == len(names):
-        raise TrackingError(f"the track has {track.marker_count} markers; the robot has {len(rest_markers)}")
+    names, heights = layout.names, layout.heights
+    if track.marker_count != len(names):
+        raise TrackingError(f"the track has {track.marker_count} markers; the robot has {len(names)}")
     above = heights - heights[0]
     pixels = np.where(track.confidence[:, :, None] > 0, _straight(camera.lens, track.positions), np.nan)
     center = _center(camera, size)
@@ -238,7 +236,7 @@ def camera_for(
     lengths = [
         (length.name, ratio * length.meters / _distance(camera, plane, length.pixels)) for length in camera.lengths
     ]
-    scale = _scale(unit, lengths, points, rest_markers, heights, names, rigid)
+    scale = _scale(unit, lengths, points, layout)
 
     notes: list[str] = []
     if residual is not None and residual > LOOSEST_FIT:
@@ -387,32 +385,27 @@ def _height_note(
     return f"{which} stand up to {nearer} and seem to lie {where}; {advice}"
 
 
-def _scale(
-    plane: float | None, lengths: Sequence[tuple[str, float]], points: Array, rest_markers: Array, heights: Array,
-    names: Sequence[str], rigid: Sequence[int],
-) -> Scale:  # fmt: skip
+def _scale(plane: float | None, lengths: Sequence[tuple[str, float]], points: Array, layout: Layout) -> Scale:
     """The scale of a video.
 
     Args:
         plane: Meters per pixel of the camera file's plane, which then is used [m].
         lengths: Name of each length in the pool, and its meters per pixel [m].
         points: In pixels, or with a plane in meters; NaN where not seen. Shape (T, M, 2).
-        rest_markers: Marker positions of the straight robot [m]. Shape (M, 2).
-        heights: Heights of the markers [m]. Shape (M,).
-        names: Names of the M markers.
-        rigid: Indices of markers that keep their distances.
+        layout: The M markers.
 
     Raises:
         TrackingError: There is nothing to use.
     """
     between: list[tuple[str, float]] = []  # markers
     level: list[float] = []
-    for a, b in combinations(rigid, 2):
+    names, rest, heights = layout.names, layout.rest, layout.heights
+    for a, b in combinations(layout.rigid, 2):
         apart = np.linalg.norm(points[:, a] - points[:, b], axis=1)
         seen = apart[np.isfinite(apart)]
         if seen.size and np.median(seen) > 0:
-            rest = float(np.linalg.norm(rest_markers[a] - rest_markers[b]))
-            between.append((f"{names[a]}–{names[b]}", (plane or 1.0) * rest / float(np.median(seen))))
+            known = float(np.linalg.norm(rest[a] - rest[b]))
+            between.append((f"{names[a]}–{names[b]}", (plane or 1.0) * known / float(np.median(seen))))
             if abs(heights[a] - heights[b]) <= LEVEL:
                 level.append(between[-1][1])
     given = [] if plane is None else [("camera file's plane", plane)]
@@ -424,5 +417,5 @@ def _scale(
         )
     used, estimates = float(np.median(trusted)), (*given, *lengths, *between)
     values = [value for _, value in estimates]
-    body_length = float(np.linalg.norm(rest_markers[-1] - rest_markers[0]))
+    body_length = float(np.linalg.norm(rest[-1] - rest[0]))
     return Scale(used, (max(values) - min(values)) / used, estimates, body_length)

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from markertrack.layout import Layout
 from markertrack.track import MarkerTrack
 from markertrack.tracking.tracker import Array, Mask
 from swimbase.errors import TrialError
@@ -131,6 +132,11 @@ def _listed(counts: NDArray[np.int64]) -> str:
 
 def _percent(share: float) -> str:
     return "under 1 %" if share < 0.01 else f"{100 * share:.0f} %"
+
+
+def check_lost(track: MarkerTrack, layout: Layout) -> LostMarkers:
+    """Finds the lost markers of a track: of a chain by its spacing, of other layouts by their rigid bodies."""
+    return check_track(track, layout.rest) if layout.chain else check_bodies(track, layout.bodies)
 
 
 def check_bodies(track: MarkerTrack, bodies: Sequence[int]) -> LostMarkers:

@@ -27,7 +27,7 @@ ScaleChoice = Literal["auto", "log", "linear"]
 Show = Literal["both", "numbers", "pictures"]
 MediaKind = Literal["auto", "video", "images"]
 DetailName = Literal["low", "medium", "high"]
-TrackerName = Literal["detection", "csrt", "aruco"]
+TrackerName = Literal["detection", "aruco"]
 
 HORIZON = 4.0  # s of each trial that are compared
 PAPER_BUDGET = 40  # evaluations
@@ -300,8 +300,8 @@ class TrackingSettings:
     """How markers are tracked in videos.
 
     Attributes:
-        tracker: detection: finds all markers in every frame anew. csrt: the paper's, for comparison. aruco: ArUco and
-            AprilTag markers, identified by their numbers.
+        tracker: detection: finds all markers in every frame anew. aruco: ArUco and AprilTag markers, identified by
+            their numbers.
         tags: Dictionary of the tags for --tracker aruco, as OpenCV names it: 4X4_50, APRILTAG_36h11 and others.
         camera: JSON file with known lengths, camera height, plane or lens; docs/tracking.md describes it.
         smooth: Smooth the track over time; at 60 frames per second it keeps 98 % of a beat of 2.25 Hz and its harmonic.

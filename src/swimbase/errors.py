@@ -70,4 +70,4 @@ class RunError(Swim2RealError):
 
 
 class MissingExtraError(Swim2RealError):
-    """An optional library isn't installed, or OpenCV is without its contrib modules."""
+    """An optional library isn't installed."""

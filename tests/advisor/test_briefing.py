@@ -14,21 +14,19 @@ from worlds import SPACE, World, situation
 
 from markertrack.drawing import Canvas
 from markertrack.video import VideoWriter
-from recorded import PENDULUM, pendulum_reference
 from swim2real.advisor import ProbingAdvisor
 from swim2real.advisor.briefing.facts import RoundFacts
 from swim2real.advisor.briefing.prompt import TrialPromptBuilder, describe, rejected_step
-from swim2real.advisor.briefing.texts import shortened, significant, table
+from swim2real.advisor.briefing.texts import significant
 from swim2real.advisor.vlm.advisor import repair_request
 from swim2real.advisor.vlm.exchange import Request
 from swim2real.advisor.vlm.files import HOW_TO
 from swim2real.optimizers import BacktrackingLineSearch, Candidate, Evaluation, Measurement, Proposal, ScriptedAdvisor
-from swim2real.pipeline import calibrate
 from swim2real.robots.drives import SPEED, Drive
 from swim2real.robots.fish import FISH
 from swim2real.robots.robot import Trials
-from swim2real.settings import BriefingSettings, CalibrationSettings, VlmAccess
-from swimbase.errors import ArgumentError, WaitingForReply
+from swim2real.settings import BriefingSettings
+from swimbase.errors import ArgumentError
 
 MIDDLE = [0.5, 0.5]
 REAL = Wave()
@@ -116,14 +114,6 @@ def test_errors_are_the_protocols_own(protocol):
     assert [row(text, f"P{i}", "marker", "error mm")["error mm"] for i in range(5)] == expected
 
 
-def test_under_the_papers_protocol_a_real_beat_at_another_frequency_isnt_mistaken_for_a_small_one():
-    text = swims([(replace(REAL, frequency=0.75), REAL)], "paper")
-    last = row(text, "P4", "marker", "error mm")
-    assert float(last["real mm"]) == pytest.approx(100, rel=0.02)
-    assert float(last["ratio"]) == pytest.approx(1.0, abs=0.02)
-    assert "phase deg" not in last  # nobody knows where the real motor stood
-
-
 def test_tables_of_recordings_have_what_there_is():
     text = recordings()
     trial = row(text, "wild", "trial", "s", "error mm")
@@ -171,59 +161,29 @@ def waves(real=(), simulated=(), frequencies=(0.5, 1.0, 2.0), protocol="aligned"
     return swims(pairs, protocol, from_rest)
 
 
-def yawing(from_rest) -> str:
-    real = [Wave(f, yaw=0.1) for f in (0.5, 1.0)]
-    return swims([(one, replace(one, yaw=0.15)) for one in real], "motion", from_rest)
-
-
 SAID = [  # who says what, and with an exclamation mark what not
-    (lambda: swims([(REAL, WIDER)]),
-     ["worst trial is swim0 (1.00 Hz):", "1 evaluation of this search is used. This is the first round.",
-      "the loss doesn't count it", "A swimming chain of links.", "!Motion of the head", "!Started at rest"]),
-    (lambda: waves(simulated=(0.1, 0.1, 0.15)), ["rises too little", "!off the trend", "!At a bound"]),
-    (lambda: waves(simulated=(0.025, 0.1, 0.4)),
-     ["to the power 2.00, the real one to the power 1.00: so it rises too steeply"]),
+    (lambda: swims([(REAL, WIDER)]), ["swim0 (1.00 Hz)", "A swimming chain", "!At a bound", "!off the trend"]),
+    (lambda: waves(simulated=(0.1, 0.1, 0.15)), ["rises too little"]),
+    (lambda: waves(simulated=(0.025, 0.1, 0.4)), ["to the power 2.00", "to the power 1.00", "rises too steeply"]),
     (lambda: waves(simulated=(0.05, 0.1, 0.17, 0.2), frequencies=(0.5, 1.0, 1.5, 2.0)),
-     ["swim2 (1.50 Hz) is off the trend of the others: its speed ratio is +0.13 away", "!swim1 (1.00 Hz) is off"]),
-    (lambda: swims([(REAL, WIDER)], from_rest={"swim0": (0.05, 0.004)}),
-     ["`first beats`: forward speed", "| 150.0 | 1.50 | 4.0 | 1.20 |"]),
-    (lambda: told(start(evaluate([0.0, 1.0], [(REAL, WIDER)]))), ["- At a bound: grip (lower), spring (upper)."]),
-    (lambda: swims([(replace(REAL, lost=(2, 3)), WIDER)]),
-     ["swim0 (1.00 Hz) has lost 40 % of its marker positions"]),
+     ["swim2 (1.50 Hz) is off the trend", "+0.13", "!swim1 (1.00 Hz) is off"]),
+    (lambda: swims([(REAL, WIDER)], from_rest={"swim0": (0.05, 0.004)}), ["| 150.0 | 1.50 | 4.0 | 1.20 |"]),
+    (lambda: told(start(evaluate([0.0, 1.0], [(REAL, WIDER)]))), ["At a bound: grip (lower), spring (upper)"]),
+    (lambda: swims([(replace(REAL, lost=(2, 3)), WIDER)]), ["swim0 (1.00 Hz) has lost 40 %"]),
     (lambda: waves((0.1,) * 3, (0.11, 0.1, 0.3), (1.5, 0.5, 1.0)), ["The worst trial is swim2 (1.00 Hz)"]),
-    (lambda: waves(simulated=(0.05, 0.1, 0.2)),
-     ["which fits"]),
-    (lambda: waves(simulated=(-0.05,) * 3), ["goes the other way, last marker first, in swim0 (0.50 Hz), swim1"]),
-    (lambda: waves(simulated=(-0.05, 0.1, 0.2)), ["first, in swim0 (0.50 Hz)."]),
+    (lambda: waves(simulated=(-0.05, 0.1, 0.2)), ["last marker first, in swim0 (0.50 Hz)."]),
     (lambda: swims([(REAL, WIDER), (Wave(1.5), "it diverged after 1.20 s")]),
-     ["failed, so it has no loss", "- swim1 (1.50 Hz): diverged. it diverged after 1.20 s", "!**The loss", "!1000"]),
-    (lambda: swims([(REAL, WIDER)], "paper"),
-     ["from rest at motor angle 0", "no phase is compared", "the loss counts it"]),
-    (lambda: swims([(REAL, WIDER), (REAL, WIDER)], "paper"), ["Error by marker and trial"]),
-    (lambda: yawing({"swim0": (-0.02, -0.01), "swim1": (0.1, 0.05)}),
-     ["| swim0 | 5.7 | 8.6 |", "in the recoil of the head", "500 mm are added",
-      "goes forward in swim1 (1.00 Hz), and backward, last marker first, in swim0"]),
-    (lambda: yawing({"swim0": (0.02, 0.01), "swim1": (0.1, 0.05)}),
-     ["at rest, the simulated robot goes forward in all trials."]),
+     ["swim1 (1.50 Hz): diverged. it diverged after 1.20 s", "!**The loss", "!1000"]),
+    (lambda: swims([(REAL, WIDER)], "paper"), ["no phase is compared"]),
     (lambda: told(start(Evaluation(Candidate(np.array(MIDDLE)), 0.1))), ["There are no numbers of this point."]),
-    (recordings,
-     ["worst trial is wild: ", "it is there all the time.",
-      "force is off by 0.25 N on average, which adds 2.5 mm", "in the world.", "1 N of force as 10 mm",
-      "(torque: as recorded). It starts at rest in the model's own pose", "join base to elbow, elbow to hand",
-      "have x right, z up.", "to the right (the world's x), then up (the world's z)", "!Much of that"]),
-    (lambda: recordings(BESIDE), ["is off by 30.0 mm to the right and 40.0 mm down."]),
+    (recordings, ["worst trial is wild", "0.25 N on average", "2.5 mm", "base to elbow, elbow to hand"]),
+    (lambda: recordings(BESIDE), ["30.0 mm to the right and 40.0 mm down."]),
     (lambda: recordings({"a": (Swing(), Swing(drift=0.1))}), ["it grows with time.", "4.50 to 5.00"]),
     (lambda: recordings({"a": (Swing(), Swing(fade=0.1))}), ["it fades with time"]),
     (lambda: recordings({"a": (Swing(), Swing())}), ["!are off by"]),
-    (lambda: recordings(TRAVELS, CART),
-     ["fixed to base, with its x axis toward elbow.", "forward is from elbow to base.", "(wheel: always 2)",
-      "that its first frames show", "last marker first, in b.", "base at the origin, elbow to its right",
-      "from base toward elbow (being behind counts as well)"]),
-    (lambda: recordings({"a": (Swing(), Swing())}, DRIVEN),
-     ["(a: a steady speed at the trial's own rate; b: a sine of 0.5 around 0.1 at the trial's own rate)",
-      "in the model's pose 'raised'"]),
-    (lambda: recordings(DIVERGED), ["no simulated motion:\n- wild: diverged. the simulation diverged 1.2", "!1000"]),
-    (lambda: recordings(lost=(0, 1, 2)), ["In short"]),  # the sensor is there
+    (lambda: recordings(TRAVELS, CART), ["from elbow to base", "(wheel: always 2)", "last marker first, in b."]),
+    (lambda: recordings({"a": (Swing(), Swing())}, DRIVEN), ["a sine of 0.5 around 0.1", "pose 'raised'"]),
+    (lambda: recordings(DIVERGED), ["wild: diverged. the simulation diverged 1.2", "!1000"]),
 ]  # fmt: skip
 
 
@@ -268,13 +228,6 @@ def test_what_a_round_was_never_changes_so_that_services_keep_it():
     assert long[:4] == short
 
 
-def test_a_step_that_turns_around_is_told_with_its_loss_without_the_addition():
-    turned = evaluate([0.9, 0.5], [(REAL, replace(REAL, speed=-0.1))], "motion")
-    alone = 1e3 * (turned.loss - 0.5)
-    text = told(after(step(0.1), (Proposal(np.array([0.9, 0.5])), [turned])))
-    assert f"- Step 1: {1e3 * turned.loss:.2f} mm [{alone:.2f} without the 500], speed -1.00" in text
-
-
 def test_what_no_change_moved_is_told():
     first = evaluate(MIDDLE, [(REAL, WIDER), (Wave(1.5), Wave(1.5, 0.15))])
     tried = [(Proposal(np.array([0.9, 0.5])), [replace(first, loss=first.loss + 0.01)])] * 5
@@ -285,14 +238,6 @@ def test_what_no_change_moved_is_told():
     better = evaluate([0.9, 0.5], [(REAL, replace(WIDER, speed=0.1)), (Wave(1.5), Wave(1.5, 0.1))])
     moved = told(after(first, *tried, (Proposal(np.array([0.9, 0.5])), [replace(better, loss=first.loss + 0.01)])))
     assert "explains them: " not in moved
-
-
-def test_a_small_change_that_is_seen_is_told_and_a_smaller_one_is_not():
-    places = [FISH.space.to_cube({**FISH.space.published, "motor_arm_length": arm}) for arm in (0.0379, 0.0383)]
-    first, tried = (replace(evaluate(place, [(REAL, WIDER)]), loss=0.1 + i) for i, place in enumerate(places))
-    text = told(after(first, (Proposal(places[1]), [tried])), space=FISH.space)
-    assert "- Proposed: motor_arm_length 0.0379 → 0.0383." in text
-    assert "hardly any change." in told(after(step(0.1), (Proposal(np.array([0.7501, 0.5])), [step(0.2)])))
 
 
 def test_a_step_tells_the_speed_of_each_trial_its_parts_and_the_head():
@@ -312,22 +257,15 @@ def test_steps_of_recordings_tell_markers_sensors_and_amplitude():
     first = evaluated(compared(CALM_AND_WILD))
     exact = evaluated(compared({name: (real, real) for name, (real, _) in CALM_AND_WILD.items()}))
     text = told(after(first, (Proposal(np.full(3, 0.6)), [replace(exact, loss=0.001)])), ARM, ARM.space)
-    assert "what the markers have of it, the mean error of each sensor, the error of each trial in mm" in text
     assert ", markers 0.00 mm, force 0 N, trials 0.00 0.00, amplitude 1.00" in text
     cart = evaluated(compared({"a": TRAVELS["a"]}, CART), CART)
     text = told(after(cart, (Proposal(np.full(3, 0.6)), [cart])), CART, CART.space)
-    assert "the error in progress in mm, the error in shape in mm, and the ratio of amplitudes" in text
     assert re.search(r", speed 1\.50, progress \d+\.\d\d, shape 0\.00, amplitude 1\.00", text)
 
 
 def test_rejected_rounds_say_not_to_do_it_again():
-    text = told(after(step(0.1), BAD))
-    assert "**Round 1: rejected, from 100.00 mm**" in text
-    assert "The last round was rejected" in text
-    assert not re.search(FISH_WORDS, text, re.IGNORECASE)
-    several = told(after(step(0.1), BAD, GOOD, BAD, BAD))
-    assert "# Round 5" in several
-    assert "The last 2 rounds were rejected" in several
+    assert "**Round 1: rejected, from 100.00 mm**" in told(after(step(0.1), BAD))
+    assert "The last 2 rounds were rejected" in told(after(step(0.1), BAD, GOOD, BAD, BAD))
     assert "rejected: what was" not in told(after(step(0.1), BAD, GOOD))
     broken = Proposal(np.array([0.9, 0.9])), [step(0.3), evaluate([0.7, 0.7], [(REAL, "nothing is finite")])]
     assert "- Step 0.5: the simulation diverged (trial 'swim0': nothing is finite)" in told(after(step(0.1), broken))
@@ -366,14 +304,6 @@ def test_a_measurement_is_told_by_trial():
     assert [float(speed) for speed in speeds] == [pytest.approx(1.1, abs=0.006)] * 2
     assert float(yaw) == pytest.approx(1.2, abs=0.01)
     assert "- Measured" not in told(start(first))
-
-
-def test_a_measurement_is_compared_with_the_best_point_of_its_time():
-    better = faster([0.4, 0.8], 1.2, 0.05)
-    probe = Evaluation(Candidate(np.array([0.4, 0.7])), 1.0, True)
-    accepted = after(faster(FIRST, 1.0, 0.1), (Proposal(np.array([0.4, 0.8])), [better]))
-    text = told(replace(accepted, measurements=(probe,)))
-    assert re.search(r"- Measured spring \S+ → \S+: the simulation diverged", text)  # against the accepted step
 
 
 def test_a_measurement_keeps_its_place_in_finished_rounds():
@@ -442,19 +372,6 @@ def test_it_is_short_even_after_many_rounds(trials):
 @given(st.floats(1e-6, 1e6))
 def test_a_value_that_is_repeated_as_shown_is_no_change(given_value):
     assert abs(float(significant(given_value)) - given_value) <= 1e-3 * given_value
-
-
-@settings(max_examples=30)
-@given(st.text(max_size=300), st.integers(2, 280))
-def test_a_shortened_text_is_one_line_that_begins_as_the_text(text, longest):
-    short, line = shortened(text, longest), " ".join(text.split())
-    assert len(short) <= longest
-    assert len(short.splitlines()) <= 1
-    assert short == line or (short.endswith("…") and line.startswith(short[:-1]))
-
-
-def test_a_bar_in_a_cell_doesnt_break_a_table():
-    assert table(["a"], [["x | y"]]).splitlines()[-1] == "| x / y |"
 
 
 # pictures and films
@@ -557,20 +474,3 @@ def test_recordings_know_neither_fish_nor_swims(robot, takes_video, film, burned
     assert "distance of the markers, simulated to real" in text
     assert "with trial, marker and time" in text
     assert not re.search(SWIM_WORDS, without(text, robot), re.IGNORECASE)
-
-
-@pytest.mark.slow
-def test_a_run_of_recordings_is_briefed_by_file(tmp_path):
-    reference = pendulum_reference()
-    settings = CalibrationSettings(advisor="files", budget=3, horizon=0.5, threads=2)
-    folder = tmp_path / "advisor" / "round_001"
-    with pytest.raises(WaitingForReply):
-        calibrate(reference, PENDULUM, settings, tmp_path, access=VlmAccess(once=True))
-    assert sorted(path.name for path in folder.iterdir()) == ["1.png", "2.png", "briefing.md", "reply.schema.json"]
-    (folder / "reply.json").write_text('{"parameters": {"elbow_damping": 0.0006}}')
-    with pytest.raises(WaitingForReply):
-        calibrate(reference, PENDULUM, settings, tmp_path, access=VlmAccess(once=True), resume=True)
-    text = (tmp_path / "advisor" / "round_002" / "briefing.md").read_text()
-    assert "The first 0.5 s of each trial are compared." in text
-    assert "elbow_damping 0.001 → 0.0006" in text
-    assert not re.search(SWIM_WORDS, without(text, PENDULUM), re.IGNORECASE)

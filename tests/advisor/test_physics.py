@@ -12,7 +12,7 @@ import pytest
 from worlds import SPACE, World, hidden_point, search, situation
 
 from pools import LOGARITHMIC, hidden_values
-from swim2real.advisor import PhysicsAdvisor, make_advisor
+from swim2real.advisor import PhysicsAdvisor
 from swim2real.advisor.physics.advisor import caution, trust_radius
 from swim2real.advisor.physics.model import (
     MOST_EXCESS,
@@ -20,7 +20,6 @@ from swim2real.advisor.physics.model import (
     Correction,
     Features,
     Kernel,
-    from_speed_scale,
     read_swims,
     to_speed_scale,
     without_outliers,
@@ -38,7 +37,6 @@ from swim2real.settings import CalibrationSettings
 from swim2real.simulation import Simulator, Swim
 from swim2real.simulation.stepper import Stepper
 from swim2real.trials import Actuation
-from swimbase.errors import ArgumentError
 
 MIDDLE = np.full(16, 0.5)
 FORWARD = 0.9 * hidden_point() + 0.1 * MIDDLE  # where the fish swims
@@ -87,12 +85,6 @@ def assert_sound(proposal: Proposal, incumbent: np.ndarray, space=SPACE) -> None
 
 
 # proposals
-
-
-def test_it_is_made_by_name():
-    assert isinstance(make_advisor("physics", FISH, SPACE, 0), PhysicsAdvisor)
-    with pytest.raises(ArgumentError, match="advisor is 'oracle'; there are physics, files,"):
-        make_advisor("oracle", FISH, SPACE, 0)
 
 
 @pytest.mark.parametrize("seed", range(2))
@@ -291,13 +283,6 @@ def test_caution_falls_while_nothing_is_gained_and_returns_with_progress():
 # what it sees
 
 
-def test_the_speed_scale_is_odd_and_goes_back():
-    speeds = np.array([-0.3, -0.01, 0.0, 0.001, 0.05, 0.4])
-    np.testing.assert_allclose(from_speed_scale(to_speed_scale(speeds)), speeds, atol=1e-12)
-    np.testing.assert_allclose(to_speed_scale(-speeds), -to_speed_scale(speeds))
-    assert np.all(np.diff(to_speed_scale(speeds)) > 0)
-
-
 def test_the_beat_is_read_relative_to_the_tail_tip_and_only_lost_markers_are_nan():
     evidence = World(lost=[(1, 5)]).evidence(MIDDLE)
     plain = read_swims(FitFigures.model_validate(evidence), "simulated").beat
@@ -354,16 +339,6 @@ def test_a_correction_goes_through_what_was_seen_and_is_less_sure_farther_away()
     assert np.all(np.diff(model(away)[1]) > 0)
     nothing, _ = Correction(KERNEL, points, np.zeros((6, 2)))(away)
     np.testing.assert_array_equal(nothing, 0.0)
-
-
-def test_points_that_were_seen_twice_are_no_obstacle_and_jumps_are_taken_for_noise():
-    twice = np.tile(MIDDLE[:3], (5, 1))
-    model = Correction(KERNEL, twice, np.array([[1.0], [1.01], [0.99], [1.0], [1.0]]))
-    assert model(MIDDLE[None, :3])[0][0, 0] == pytest.approx(1.0, abs=0.01)
-    points = np.random.default_rng(3).uniform(0.48, 0.52, (40, 3))
-    jumps = np.where(np.arange(40) % 2, 1.0, -1.0)[:, None]
-    assert np.abs(Correction(KERNEL, points, jumps)(points)[0]).max() < 0.6
-    np.testing.assert_allclose(Correction(KERNEL, points, points[:, :1])(points)[0], points[:, :1], atol=0.01)
 
 
 AIM = Aim(np.array([0.05, 0.1]), np.full((2, 4), 0.02), np.full(2, 0.003), 4.0)

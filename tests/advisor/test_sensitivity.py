@@ -9,7 +9,6 @@ from swim2real.advisor.physics.sensitivity import SensitivityAdvisor
 from swim2real.optimizers import BacktrackingLineSearch, Evaluation, first_point
 from swim2real.optimizers.advisor import MEASUREMENT, recorded_advice
 from swim2real.parameters import Parameter, ParameterSpace
-from swimbase.errors import AdvisorError
 
 Residual = Callable[[np.ndarray], np.ndarray]
 NAMES = ("spring", "damper", "mass", "paint")
@@ -107,10 +106,3 @@ def test_the_same_run_again_is_the_same_and_its_record_holds_all_that_was_advise
     measured = sum(e.candidate.note["source"] == MEASUREMENT for e in once)
     proposals = sum("proposal" in e.candidate.note for e in once)
     assert len(recorded_advice(entries)) == measured + proposals
-
-
-def test_an_evaluation_without_a_residual_is_a_sentence():
-    optimizer = BacktrackingLineSearch(SensitivityAdvisor(SPACE, 0), first_point(len(SPACE), 0))
-    optimizer.tell(Evaluation(optimizer.ask(), 1.0))
-    with pytest.raises(AdvisorError, match="an evaluation has no residual, which measured sensitivities need"):
-        optimizer.ask()

@@ -18,8 +18,6 @@ from recorded import (
 )
 from refused import says
 from swim2real.calibration import Problem
-from swim2real.checks.probing import probe
-from swim2real.checks.reference import misfits, starts
 from swim2real.identification.finished_run import reopen
 from swim2real.identification.identifiability import identify
 from swim2real.objective import evidence
@@ -30,7 +28,6 @@ from swim2real.robots.robot import Sensor, Trials
 from swim2real.settings import CalibrationSettings, IdentifiabilitySettings
 from swim2real.simulation.start import Reading, Stretch, sensed_start
 from swim2real.trials import TrialSet
-from swimbase.errors import ArgumentError, TrialError
 
 XML = PENDULUM_XML.replace("</sensor>", '<jointpos name="bend" joint="elbow"/></sensor>')
 SENSORS = (Sensor("encoder", "rad", 0.3), Sensor("bend", "rad", 0.15))
@@ -88,23 +85,6 @@ def test_joint_sensors_tell_where_a_fit_of_the_start_begins():
     qpos, qvel, _ = sensed_start(model, (np.array([0.0, 0.7]), np.zeros(2), np.zeros(0)), stretch)
     assert qpos == pytest.approx([0.3, 0.7])
     assert qvel == pytest.approx([2.0, 0.0])
-
-
-def test_lines_through_markers_are_refused(reference):
-    robot = replace(ROBOT, trials=replace(ROBOT.recordings, start="markers"))
-    with pytest.raises(TrialError, match=r"trial 'a' has no markers, and start is 'markers'; say start = \"fitted\""):
-        Problem(robot, reference)
-
-
-@pytest.mark.slow
-def test_what_a_check_says(reference):
-    assert misfits(ROBOT, reference) == []
-    assert starts(ROBOT, reference) == {}
-    assert not any(one.idle for one in probe(ROBOT, reference, 2))
-    with pytest.raises(
-        ArgumentError, match="robot 'pendulum' has no markers, so there is nothing to track; its trials"
-    ):
-        ROBOT.check_markers("track")
 
 
 def test_a_fit_far_above_the_noise_of_the_readings_is_bad(reference, tmp_path):

@@ -7,7 +7,7 @@ import pytest
 import small_run
 
 from swim2real.calibration import Problem, RunFolder, conclude
-from swim2real.calibration.from_rest import backward_from_rest, from_rest
+from swim2real.calibration.from_rest import backward_from_rest
 from swim2real.objective import TAIL_FIRST_LOSS
 from swim2real.robots.fish import FISH
 from swim2real.simulation import Simulator, Swim
@@ -46,15 +46,6 @@ def test_a_perfect_fit_that_swims_backward_from_rest_is_told(simulator, new_flui
     assert all(trial.progress.velocity_simulated < -0.1 for trial in started.trials)
 
 
-def test_beats_between_trials_that_lie_far_apart_are_tried_as_well(simulator, tmp_path):
-    swims = [Swim(name, Actuation(f, 0.0, 0.15), 3.0) for name, f in (("slow", 0.7), ("fast", 1.7))]
-    filmed = TrialSet(tuple(simulator.simulate(FISH.space.published, swims)), FISH.marker_names)
-    problem = Problem(FISH, filmed, simulator=simulator)
-    begun = conclude(RunFolder(tmp_path), problem, None, FISH.space.published).to_json()["from_rest"]
-    assert list(begun) == ["slow", "fast", "1 of 3 between slow and fast", "2 of 3 between slow and fast"]
-    assert [one["frequency"] for one in begun.values()] == pytest.approx([0.7, 1.7, 0.94, 1.26], abs=0.02)
-
-
 def test_a_robot_known_to_swim_head_first_where_no_trial_shows_it_refuses_what_does_not(simulator, new_fluid_law):
     if new_fluid_law:
         pytest.skip("with the newer lift force these parameters swim another way")
@@ -83,16 +74,6 @@ def test_a_robot_known_to_swim_head_first_where_no_trial_shows_it_refuses_what_d
     assert Problem(known, filmed, "aligned", simulator=simulator).evaluate(BOTH_WAYS).unfilmed == ()
 
 
-def test_speed_from_rest_below_all_trials_is_asked_in_proportion_to_the_frequency(simulator):
-    swims = [Swim("slow", Actuation(0.7, 0.0, 0.0), 3.0)]
-    filmed = TrialSet(tuple(simulator.simulate(FISH.space.published, swims)), FISH.marker_names)
-    slower = replace(FISH, trials=replace(FISH.trials, swims=replace(FISH.swims, head_first=(0.35,))))
-    weak = {**FISH.space.published, "motor_arm_length": 0.01}
-    (unfilmed,) = Problem(slower, filmed, simulator=simulator).evaluate(weak).unfilmed
-    speed = from_rest(simulator, weak, {"weak": 0.35})["weak"].speed
-    assert unfilmed.behind == pytest.approx(2.0 * (filmed["slow"].track.speed / 4 - speed), rel=0.01)
-
-
 def test_a_fit_that_swims_forward_has_its_steady_speed_from_rest(problem, reference, tmp_path):
     outcome = conclude(RunFolder(tmp_path), problem, None, small_run.HIDDEN).to_json()
     for name, trial in outcome["fit"]["trials"].items():
@@ -101,18 +82,3 @@ def test_a_fit_that_swims_forward_has_its_steady_speed_from_rest(problem, refere
     again = conclude(RunFolder(tmp_path), small_run.make_problem(reference, threads=1), None, small_run.HIDDEN)
     again = again.to_json()
     assert again["from_rest"] == outcome["from_rest"]
-
-
-def test_a_swim_that_diverges_from_rest_is_told(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)  # the engine writes a log
-
-    def build(values):
-        spec = FISH.build(values)
-        spec.option.timestep = 0.02
-        return spec
-
-    found = from_rest(Simulator(replace(FISH, build=build), threads=2), FISH.space.published, {"a": 3.0})
-    assert found["a"].speed is None
-    assert (found["a"].divergence or "").startswith("the simulation diverged ")
-    told = {"slow": {"frequency": 0.375, "speed": -1e-3, "divergence": None}, "a": found["a"].as_dict()}
-    assert "this fit swims tail first at 0.38 Hz and diverges at 3.00 Hz; " in (backward_from_rest(told) or "")

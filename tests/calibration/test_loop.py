@@ -108,11 +108,6 @@ def test_a_smaller_budget_drops_nothing(go, half):
     assert len(record(half)) == 3
 
 
-@pytest.mark.parametrize("budget", [0, -1])
-def test_no_budget_is_refused(go, budget):
-    assert refusal(go, budget=budget) == f"budget is {budget}; it must be at least 1"
-
-
 def test_a_diverged_simulation_is_recorded_and_not_the_best(reference, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
 
@@ -202,9 +197,3 @@ def test_a_full_disk_stops_the_run_and_keeps_the_record(go, tmp_path, uninterrup
     monkeypatch.undo()
     go("line-search")
     assert without_seconds(run) == without_seconds(uninterrupted["line-search"])
-
-
-def test_best_parameters_that_cant_be_written_are_told(go, half):
-    (half / "best.json" / "in the way").mkdir(parents=True)
-    assert refusal(go, run=half).startswith(f"can't write '{half / 'best.json'}': ")
-    assert len(record(half)) >= 3

@@ -32,14 +32,13 @@ from swim2real.calibration import (
     sensitivities,
 )
 from swim2real.calibration.saved_trials import save_trials
-from swim2real.identification.finished_run import reopen
 from swim2real.optimizers import RandomSearch, streams
 from swim2real.pipeline import calibrate
 from swim2real.robots.drives import Drive
 from swim2real.robots.fish import FISH
 from swim2real.settings import CalibrationSettings
 from swim2real.trials import Signals, TrialSet
-from swimbase.errors import ArgumentError, RunError, TrialError
+from swimbase.errors import ArgumentError, TrialError
 from swimmers import Swimmer, trial_set
 
 
@@ -186,13 +185,6 @@ def test_a_diverged_recording_is_kept_as_such(problem, tmp_path):
     pair = load_trials(RunFolder(tmp_path))[0]
     assert pair.compared.divergence == comparison.trials[0].divergence
     assert np.isnan(pair.compared.path_simulated).all()
-
-
-def test_a_change_of_the_controls_is_another_reference(runs, pendulum):
-    other = replace(pendulum["a"], controls=Signals([2.0], ["torque"], [[0.1]]))
-    reference = TrialSet((other, pendulum["b"]), pendulum.marker_names)
-    with pytest.raises(RunError, match="was made with another reference than this one of 2 trials"):
-        reopen(runs["pendulum"].path, reference, PENDULUM, 1)
 
 
 # what the trials don't tell

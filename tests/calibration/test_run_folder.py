@@ -72,11 +72,6 @@ def test_other_settings_are_refused_by_name(folder, change, words):
     )
 
 
-def test_a_briefing_decides_where_a_vlm_is_asked(tmp_path):
-    asked = run_settings(advisor="openai:any")
-    assert asked.difference(replace(asked, briefing=BriefingSettings("numbers")))[0] == "briefing"
-
-
 def test_a_folder_without_a_run_is_named(tmp_path):
     folder = RunFolder(tmp_path)
     assert not folder.exists
@@ -151,12 +146,6 @@ def test_a_second_lock_is_refused(folder):
     with folder.locked():
         assert refusal(lock, RunFolder(folder.path)) == message
     lock(RunFolder(folder.path))
-
-
-def test_a_folder_that_cant_be_made_is_named(tmp_path):
-    (tmp_path / "file").write_text("")
-    below = RunFolder(tmp_path / "file" / "run")
-    assert refusal(lock, below).startswith(f"can't write run folder '{below.path}': ")
 
 
 def test_json_is_written_whole_or_not_at_all(folder, monkeypatch):

@@ -97,17 +97,12 @@ def test_what_a_search_knows_is_said(reference, tmp_path):
     outcome = search(reference, tmp_path / "run", minutes=2 * SECOND)
     run = RunFolder(tmp_path / "run")
     said = standing(run.record(), run.settings(), outcome, small_run.ROBOT.space)
-    assert said[0].startswith(f"the search was cut off after {len(run.record())} evaluations, at ")
-    assert "--resume goes on" in said[0]
-    assert said[1] == "no start has been followed to its end" or said[1].startswith("starts followed to their end: ")
+    assert says(said[0], f"cut off after {len(run.record())} evaluations", "--resume goes on")
     *_, scale = standing_of(read_run(tmp_path / "run", small_run.ROBOT))
-    assert says(scale, "the fit is ", "its error is ", "times the noise of the data", "the real markers move by")
-    noise = marker_noise([trial.track for trial in reference])
-    assert noise == pytest.approx(0.5e-3 * 2**0.5, rel=0.1)
+    assert says(scale, "times the noise of the data")
+    assert marker_noise([trial.track for trial in reference]) == pytest.approx(0.5e-3 * 2**0.5, rel=0.1)
     assert marker_noise([]) is None
-    page = write_report(tmp_path / "run", small_run.ROBOT).read_text()
-    assert f"<b>{len(run.record())}</b> evaluations" in page
-    assert "The search was cut off after" in page
+    assert "The search was cut off after" in write_report(tmp_path / "run", small_run.ROBOT).read_text()
     done = outcome.model_copy(update={"ending": "done"})
     assert standing(run.record(), run.settings(), done, small_run.ROBOT.space)[0].startswith("the search is done after")
 

@@ -18,13 +18,10 @@ import swim2real
 from pools import NAMES
 from run_settings import record_of
 from swim2real.calibration import RunFolder
-from swim2real.calibration.from_rest import backward_from_rest
-from swim2real.cli import main, tables
-from swim2real.parameters import Parameter
-from swim2real.report.tables import ParameterRow
+from swim2real.cli import main
 from swim2real.robots.fish import FISH
 from swim2real.simulation import Engine
-from swimbase.errors import ParameterError, TrialError
+from swimbase.errors import TrialError
 
 COMMANDS = (
     "board", "calibrate", "check", "compare", "cut", "demo", "deploy", "ensemble", "evaluate", "export-commands",
@@ -101,28 +98,18 @@ def test_the_help_lists_every_command_and_each_explains_itself(program):
 
 
 def test_debug_shows_where_it_went_wrong(tmp_path):
-    with pytest.raises(TrialError, match="is not there"):
-        main(["quality", str(tmp_path / "nothing"), "--debug"])
-    with pytest.raises(ParameterError, match="is not there"):
-        main(["--debug", "evaluate", str(tmp_path / "nothing"), "--reference", str(tmp_path)])
-
-
-def test_a_fault_of_ours_is_a_sentence_unless_debug_is_on(program, pool_folder, monkeypatch):
-    def fail(reference):
-        raise ValueError("no idea")
-
-    monkeypatch.setattr("swim2real.trials.load_reference", fail)
-    assert program("quality", pool_folder).sentence(1) == "unexpected ValueError: no idea; --debug shows where"
-    with pytest.raises(ValueError, match="no idea"):
-        main(["quality", str(pool_folder), "--debug"])
+    for words in (["quality", str(tmp_path / "nothing"), "--debug"], ["--debug", "quality", str(tmp_path / "nothing")]):
+        with pytest.raises(TrialError, match="is not there"):
+            main(words)
 
 
 @pytest.mark.parametrize(
     ("error", "said"),
     [(OSError(errno.EIO, "Input/output error", "swims.csv"), "Input/output error: swims.csv"),
-     (KeyboardInterrupt(), "interrupted")],
+     (KeyboardInterrupt(), "interrupted"),
+     (ValueError("no idea"), "unexpected ValueError: no idea; --debug shows where")],
 )  # fmt: skip
-def test_a_fault_of_the_disk_and_an_interruption_are_sentences(program, pool_folder, monkeypatch, error, said):
+def test_a_fault_and_an_interruption_are_sentences(program, pool_folder, monkeypatch, error, said):
     def fail(reference):
         raise error
 
@@ -161,13 +148,6 @@ def test_a_reader_that_has_gone_is_no_fault(pool_folder):
     program.stderr.close()
 
 
-def test_a_plot_that_cant_be_written_is_told(program, pool_folder, tmp_path):
-    program("quality", pool_folder, "--plot", tmp_path / "nowhere" / "page.html")
-    assert program.code in (1, 2)
-    assert str(tmp_path / "nowhere" / "page.html") in program.err
-    assert "No such file or directory" in program.err
-
-
 # evaluate
 
 
@@ -195,13 +175,6 @@ def test_evaluate_as_json_has_the_promised_keys_in_si(program, published, pool):
     assert program.err == ""
 
 
-def test_evaluate_prints_tables(program, pool_folder, published):
-    program("evaluate", "published", "--reference", pool_folder).done()
-    for phrase in ("Aligned marker error", "Static offset", "Velocity error", "Per trial", "Aligned error per marker"):
-        assert phrase in program.text
-    assert f"{1e3 * published['aligned_marker_error']:.1f} mm" in program.text
-
-
 def test_evaluate_takes_a_run_and_its_parameters_file(program, finished, calibration):
     best = min(entry["loss"] for entry in record(finished))
     for place in (finished, finished / "best.json"):
@@ -220,9 +193,6 @@ def test_parameters_that_were_found_with_other_physics_are_told(program, paramet
     assert len(program.err.splitlines()) == 1
     program("simulate", file, "--frequency", 1.5, "--seconds", 0.2, "--from-rest", "--out", tmp_path / "f.npz").done()
     assert "swim2real: warning: " in program.err
-
-
-# references that can't be used
 
 
 # simulate
@@ -277,25 +247,6 @@ def test_calibrate_ends_with_the_values_that_it_has_found(program, calibration, 
     assert "How well the trials tell them: `swim2real identify`" in program.out
 
 
-@pytest.mark.parametrize(("end", "untold"), [(9.0, True), (3.0, False)])
-def test_a_parameter_that_may_be_anywhere_is_not_told(capsys, end, untold):
-    drag = Parameter("drag", "-", 0.0, 10.0, "", 1.0)
-    tables.parameters([ParameterRow(drag, 2.0, 0.2, 0.1, None)], {"drag": (0.5, end)})
-    assert (": not told" in capsys.readouterr().out) == untold
-
-
-@pytest.mark.slow
-def test_calibrate_quietly_only_warns_of_a_fit_that_swims_backward(program, pool_folder, tmp_path, new_fluid_law):
-    out = tmp_path / "run"
-    program("calibrate", pool_folder, "--out", out, "--budget", 1, "--horizon", 1, "--quiet").done()
-    warning = backward_from_rest(RunFolder(out).outcome().from_rest)
-    assert warning or new_fluid_law  # a random fish, which with the older lift force swims tail first
-    lines = program.err.splitlines()
-    assert all(line.startswith("swim2real: warning: ") for line in lines)
-    assert (f"swim2real: warning: {warning}" in lines) == bool(warning)
-    assert program.out == ""
-
-
 @pytest.mark.slow
 def test_a_run_says_how_it_goes_and_goes_on(program, calibration, tmp_path, monkeypatch):
     run = tmp_path / "run"
@@ -303,25 +254,18 @@ def test_a_run_says_how_it_goes_and_goes_on(program, calibration, tmp_path, monk
     program(*words, "--budget", 2, "--json").done()
     assert program.json == json.loads((run / "outcome.json").read_text())
     assert [tuple(program.json[part]["trials"]) for part in ("fit", "held_out")] == [("a",), ("b",)]
-    assert program.json["sensitivity"] is None
     lines = without_warnings(program.err)
-    assert len(lines) == 2
-    for number, line in enumerate(lines, start=1):
-        assert re.fullmatch(rf"   {number}/2 (best|    ) +[\d.]+ mm  \(best [\d.]+ mm, [a-z ]+, \d+:\d\d left\)", line)
+    assert [line.split()[0] for line in lines] == ["1/2", "2/2"]
     before = (run / "record.jsonl").read_bytes()
     program(*words, "--budget", 3, "--resume", "--sensitivity").done()
     assert (run / "record.jsonl").read_bytes().startswith(before)
     assert [line.split()[:2] for line in program.err.splitlines()[:2]] == [["1/3", "read"], ["2/3", "read"]]
     assert "\x1b" not in program.err + program.out
-    for said in ("Fitted trials", "Effect on the loss of a tenth of a parameter's range", f"Report: {run}/report.html"):
-        assert said in program.text
     assert len(RunFolder(run).outcome().sensitivity) == 2
     assert len(record(run)) == 3  # the effects are outside the budget
     monkeypatch.setenv("FORCE_COLOR", "1")  # as if it were a terminal
-    monkeypatch.setenv("COLUMNS", "120")
     program(*words, "--budget", 4, "--resume").done()
     assert "\x1b[" in program.err
-    assert re.search(r"calibrating .* 4/4 best [\d.]+ mm, 0:00 left", re.sub(r"\x1b\[[\d;?]*[A-Za-z]", "", program.err))
 
 
 def test_a_run_that_is_there_isnt_overwritten(program, run, calibration):
@@ -374,24 +318,3 @@ def test_an_interrupted_run_is_usable_and_goes_on(program, calibration, tmp_path
     assert (after[: len(losses)], len(after)) == (losses, len(losses) + 2)
     assert json.loads((run / "best.json").read_text())["loss"] == min(after)
     assert (run / "report.html").is_file()
-
-
-# fetch
-
-
-def test_fetch_from_a_folder_without_the_files_is_refused(program, tmp_path):
-    program("fetch", "--to", tmp_path / "tracks", "--from", tmp_path)
-    assert program.code == 1
-    assert program.out.splitlines()[0] == "markers_f0_50.csv: not there"
-    assert program.err.startswith(f"swim2real: '{tmp_path}' holds none of the published files (markers_f0_50.csv, ")
-    assert not (tmp_path / "tracks").exists()
-
-
-def test_fetch_from_a_folder_says_what_it_took(program, shared, tmp_path):
-    source = shared / "data" / "fishsim-markers"
-    if not source.is_dir():
-        pytest.skip(f"no published tracks at {source}")
-    program("fetch", "--to", tmp_path / "tracks", "--from", source).done()
-    assert "markers_f1_00.csv: taken" in program.text
-    assert f"{len(list(source.glob('*.csv')))} trials" in program.text
-    assert program("quality", tmp_path / "tracks").code == 1  # some of the published tracks are lost

@@ -45,24 +45,20 @@ def finished(pendulum_folder, tmp_path_factory) -> tuple[Path, str, str]:
 
 
 @pytest.mark.slow
-def test_it_prints_a_table_and_a_line_a_run(finished):
+def test_it_prints_a_table_and_a_line_a_run(program, finished, pendulum_folder):
     out, printed, err = finished
-    assert "Calibration performance over 1 seed" in printed
     assert re.search(r"^ *random +\d+\.\d", printed, re.MULTILINE)
-    last = printed.splitlines()[-1]
-    assert last.startswith(f"Results: {out / 'results.csv'}, {out / 'tables.md'}, ")
-    assert last.endswith(str(out / "comparison.html"))
-    assert (out / "comparison.html").is_file()
+    assert printed.splitlines()[-1].endswith(str(out / "comparison.html"))
     assert (out / "figures" / "convergence-playback.png").is_file()
-    first, *lines = err.splitlines()
-    assert re.fullmatch(r"2 runs, 6 evaluations; by one evaluation about \d+\.\d min", first)
+    _, *lines = err.splitlines()
     told = sorted(re.sub(r"^\d", "N", line) for line in lines)
-    assert len(told) == 2
     for line, method in zip(told, sorted(METHODS), strict=True):
-        pattern = rf"N/2 playback/{method}/seed-1: best \d+\.\d mm, \d+\.\d s, \d+:\d\d left"
-        assert re.fullmatch(pattern, line)
+        assert re.fullmatch(rf"N/2 playback/{method}/seed-1: best \d+\.\d mm, \d+\.\d s, \d+:\d\d left", line)
     with (out / "results.csv").open() as file:
         assert [row["method"] for row in csv.DictReader(file)] == list(METHODS)
+    program(*words(pendulum_folder, out, "--json")).done()
+    assert program.err == ""
+    assert [run["method"] for run in program.json["runs"]] == list(METHODS)
 
 
 @pytest.mark.slow
@@ -106,24 +102,6 @@ def test_an_interruption_leaves_the_results_of_runs_that_have_ended(program, pen
     with (out / "results.csv").open() as file:
         assert [f"playback/{row['method']}/seed-1" for row in csv.DictReader(file)] == ended
     assert (out / "comparison.html").is_file()
-
-
-@pytest.mark.slow
-def test_the_same_again_reads_and_json_is_json_alone(program, finished, pendulum_folder):
-    program(*words(pendulum_folder, finished[0])).done()
-    assert [line.split(", ")[-1] for line in program.err.splitlines()] == ["done before"] * 2
-    assert program.out == finished[1]
-    program(*words(pendulum_folder, finished[0], "--json")).done()
-    assert program.err == ""
-    assert program.json["methods"] == list(METHODS)
-    assert [run["method"] for run in program.json["runs"]] == list(METHODS)
-
-
-@pytest.mark.slow
-def test_a_local_cluster_gives_the_same_table(program, finished, pendulum_folder, tmp_path):
-    out = tmp_path / "comparison"
-    program(*words(pendulum_folder, out, "--cluster", "local:2")).done()
-    assert (out / "results.csv").read_bytes() == (finished[0] / "results.csv").read_bytes()
 
 
 @pytest.mark.slow

@@ -87,14 +87,6 @@ def large(path: Path, size: int, head: bytes = b"time_s,a\n0,1\n") -> Path:
     return path
 
 
-def test_a_table_is_refused_by_its_size_and_by_its_rows(tmp_path):
-    """A terabyte, and 10^7 rows of four characters: neither is read."""
-    assert says(refusal(TrialError, read_signals, large(tmp_path / "large.csv", 10**12)), "at most 64 MB", "cut it")
-    table = tmp_path / "long.csv"
-    table.write_bytes(b"time_s,a\n" + b"0,1\n" * 10_000_000)
-    assert says(refusal(TrialError, read_signals, table), "more than 1000000 rows", "cut it into shorter trials")
-
-
 @pytest.mark.parametrize(
     ("words", "parts"),
     [
@@ -137,3 +129,9 @@ def test_what_is_no_file_is_not_read(tmp_path):
         for read in (store.read_json, store.read_arrays, store.read_text):
             with pytest.raises(OSError, match="a device, a pipe or a socket, not a file"):
                 read(tmp_path / name)
+
+
+def test_a_table_is_refused_by_its_rows(tmp_path):
+    table = tmp_path / "long.csv"
+    table.write_bytes(b"time_s,a\n" + b"0,1\n" * 1_000_001)
+    assert says(refusal(TrialError, read_signals, table), "more than 1000000 rows", "cut it into shorter trials")

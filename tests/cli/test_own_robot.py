@@ -14,11 +14,9 @@ from program import process
 from films import slowed
 from markertrack.camera_file import CameraFile, Length, write_camera
 from markertrack.video import VideoWriter
-from run_settings import record_of, run_settings
+from run_settings import run_settings
 from small_models import PENDULUM
 from swim2real.calibration import RunFolder
-from swim2real.calibration.convergence import still_falling
-from swim2real.calibration.file_models import RecordedEvaluation
 from swim2real.cli.options import word
 from swim2real.parameters import write_parameters
 from swim2real.rl.training_run import TrainingRun
@@ -41,16 +39,6 @@ def calibrated(pendulum_folder, tmp_path_factory) -> tuple[Path, str]:
     _, err = done.communicate(timeout=60)
     assert done.returncode == 0, err
     return folder / "run", err
-
-
-@pytest.mark.slow
-def test_a_run_that_has_not_converged_is_told_and_so_is_its_page(calibrated):
-    run, err = calibrated
-    entries = [RecordedEvaluation.model_validate(entry) for entry in record_of(run)]
-    warning = still_falling(entries, RunFolder(run).settings())
-    assert warning
-    assert err.endswith(f"swim2real: warning: {warning}\n")
-    assert f"Warning: {warning}." in (run / "report.html").read_text(encoding="utf-8")
 
 
 @pytest.mark.slow
@@ -240,18 +228,6 @@ def test_a_robot_files_meshes_are_found_from_anywhere(program, tmp_path):
     assert model.nmesh == robot.build({"damping": 0.25}).compile().nmesh == 1
 
 
-URDF = """
-<robot name="arm">
-  <link name="base"><inertial><mass value="1"/>
-    <inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial></link>
-  <link name="upper"><inertial><origin xyz="0 0 -0.1"/><mass value="0.5"/>
-    <inertia ixx="0.002" iyy="0.002" izz="0.001" ixy="0" ixz="0" iyz="0"/></inertial></link>
-  <joint name="shoulder" type="revolute"><parent link="base"/><child link="upper"/><axis xyz="0 1 0"/>
-    <limit lower="-2" upper="2" effort="5" velocity="3"/><dynamics damping="0.05"/></joint>
-</robot>
-"""
-
-
 def test_a_suggested_command_quotes_a_path_and_a_draft_has_no_name_of_a_built_in_robot(program, tmp_path):
     model = tmp_path / "a fish.xml"
     model.write_text(PENDULUM.replace('<mujoco model="pendulum"', '<mujoco model="fish"'))
@@ -259,21 +235,6 @@ def test_a_suggested_command_quotes_a_path_and_a_draft_has_no_name_of_a_built_in
     assert shlex.split(told.partition("then: ")[2]) == ["swim2real", "check", str(model.with_suffix(".toml"))]
     assert 'name = "my-fish"' in model.with_suffix(".toml").read_text()
     assert word("a b") == "'a b'"
-
-
-@pytest.mark.slow
-def test_a_urdf_becomes_a_model_to_which_markers_are_added(program, tmp_path):
-    urdf = tmp_path / "an arm.urdf"
-    urdf.write_text(URDF)
-    told = program("init", urdf).done().out
-    out = urdf.with_suffix(".xml")
-    assert "the bodies base, upper and the joints shoulder" in told
-    assert '<site name="M0" pos="0 0 0"/>' in told
-    assert shlex.split(told.partition("Then: ")[2]) == ["swim2real", "init", str(out)]
-    assert f"'{out}' is there; --force writes" in program("init", urdf).sentence(2)
-    out.write_text(out.read_text().replace("</body>", '<site name="M0" pos="0 0 -0.2"/></body>', 1))
-    program("init", out).done()
-    assert "shoulder_damping" in out.with_suffix(".toml").read_text()
 
 
 def test_a_robot_with_the_name_of_a_built_in_one_is_told_of(program, caplog, pendulum_folder, tmp_path, monkeypatch):

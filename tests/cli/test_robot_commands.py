@@ -59,46 +59,20 @@ def test_a_file_that_is_there_is_not_written_over(program, model):
 
 
 def test_a_parameter_that_changes_nothing_or_a_bound_that_does_not_compile_fails_the_check(program, tmp_path):
-    place = made(tmp_path, ROBOT, RECORDINGS, UNUSED)
-    program("check", place)
-    assert program.code == 1
-    assert (
-        "x changes nothing of the model: body 'upper' has no <inertial>, so its mass comes from its geoms"
-        in program.text
-    )
-    place = made(tmp_path, ROBOT, RECORDINGS, parameter("'geom \"rod0\" friction[0]'", 0.1, 2.0))
-    program("check", place)
-    assert program.code == 1
-    assert "x moves no marker" in program.text
-    place = made(tmp_path, ROBOT, RECORDINGS, parameter("'joint \"link0\" range[0]'", -40.0, 70.0))
-    program("check", place)
-    assert program.code == 1
-    assert "robot 'arm', x = 70: the model doesn't compile: Error: range[0] should be smaller" in program.text
-    assert "x changes nothing" not in program.text
+    for table, part in (
+        (UNUSED, "x changes nothing of the model: body 'upper' has no <inertial>"),
+        (parameter("'geom \"rod0\" friction[0]'", 0.1, 2.0), "x moves no marker"),
+        (parameter("'joint \"link0\" range[0]'", -40.0, 70.0), "robot 'arm', x = 70: the model doesn't compile: "),
+    ):
+        program("check", made(tmp_path, ROBOT, RECORDINGS, table))
+        assert program.code == 1
+        assert part in program.text
     # what is worth knowing fails nothing
     faint = parameter("'joint \"link1\" stiffness'", 1.99999, 2.00001).replace('"x"', '"faint"')
     strong = parameter("'option gravity[0]'", 0.0, 1e12)
     program("check", made(tmp_path, ROBOT, '[recordings]\nstart = "markers"\n', strong, faint)).done()
-    assert "faint hardly shows: it moves the markers by less than 0.01 mm on average" in program.text
+    assert "faint hardly shows" in program.text
     assert "x = 1e+12: excitation: the simulation diverged " in program.text
-
-
-def test_what_drives_a_trial_is_told(program, tmp_path):
-    sensors = '[recordings.sensors]\nangle = {unit = "rad", meters_per_unit = 0.1}\n'
-    about = 'frame = ["base", "tip"]\nstart = "up"\n'
-    place = made(tmp_path, ROBOT, RECORDINGS, about, DRIVEN, sensors, DAMPING)
-    program("check", place, "--out", tmp_path / "picture.png").done()
-    told = rows(program)
-    assert "servo its column of the trial's controls" in told
-    assert "torque 0.5 sin(2π f t - 1) + 0.1, f of the trial" in told
-    assert "motor 0.2 in every trial" in told
-    assert "damped nothing, so 0" in told
-    assert "angle rad 100" in told
-    assert "Markers at rest, seen from the side, from marker base [mm]" in told
-    assert "recordings that start in keyframe 'up' and are compared in the frame of base and tip." in told
-    assert "with sines for tables, from where trials start." in told
-    assert (tmp_path / "picture.png").read_bytes().startswith(PNG)
-    assert not place.with_suffix(".png").exists()
 
 
 @pytest.mark.slow
@@ -107,31 +81,23 @@ def test_real_trials_are_used_and_must_fit(program, tmp_path):
     robot = load_robot(place)
     trial, player = excitation(robot, 1.0), PlaybackSimulator(robot, 1)
     seen = player.simulate(robot.space.published, [player.request(trial)]).trials[0]
-    folder = tmp_path / "reference"
-    save_reference(TrialSet((replace(seen, name="a", controls=trial.controls),), robot.marker_names), folder)
+    real, folder = replace(seen, name="a", controls=trial.controls), tmp_path / "reference"
+    save_reference(TrialSet((real,), robot.marker_names), folder)
     program("check", place, "--reference", folder).done()
-    assert "Moved for 2 s as in the trials of the reference (a)." in program.text
     assert "All trials fit: a." in program.text
     assert "Warning" not in program.text
     track = MarkerTrack(seen.track.times, seen.track.positions + np.array([0.6, 0.0]))
-    away = TrialSet((replace(seen, name="a", controls=trial.controls, track=track),), robot.marker_names)
-    save_reference(away, tmp_path / "away")
+    save_reference(TrialSet((replace(real, track=track),), robot.marker_names), tmp_path / "away")
     program("check", place, "--reference", tmp_path / "away")
     assert program.code == 1
-    assert "Probably wrong: trial 'a': it lies beside the robot by x +600 mm, z +0 mm; check the camera" in rows(
-        program
-    )
-    assert "All trials" not in program.text
+    assert "trial 'a': it lies beside the robot by x +600 mm, z +0 mm" in rows(program)
     quick = ("--method", "random", "--budget", 1, "--threads", 1, "--quiet")
     program("calibrate", tmp_path / "away", "--robot", place, "--out", tmp_path / "run", *quick)
     assert program.err.startswith("swim2real: warning: trial 'a': it lies beside the robot")
-    made(tmp_path, ROBOT, RECORDINGS, DRIVEN.replace("servo", "law"), DAMPING)
-    program("check", place, "--reference", folder)
-    assert program.code == 1
-    assert (
-        "trial 'a': the controls don't drive actuator 'law': there is no column 'law'; there are servo" in program.text
-    )
-    made(tmp_path, ROBOT.replace('"base", "elbow"', '"elbow", "base"'), RECORDINGS, DRIVEN, DAMPING)
-    program("check", place, "--reference", folder)
-    assert program.code == 1
-    assert "robot 'arm' has elbow, base, tip; name them alike, in the same order" in program.text
+    for text, controls, part in (
+        (ROBOT, DRIVEN.replace("servo", "law"), "actuator 'law': there is no column 'law'; there are servo"),
+        (ROBOT.replace('"base", "elbow"', '"elbow", "base"'), DRIVEN, "robot 'arm' has elbow, base, tip"),
+    ):
+        program("check", made(tmp_path, text, RECORDINGS, controls, DAMPING), "--reference", folder)
+        assert program.code == 1
+        assert part in program.text

@@ -104,10 +104,7 @@ def test_a_studied_run_gets_commands_a_chart_and_a_table_of_trials(program, pend
 def test_the_pages_of_two_runs_are_written_and_said(program, pendulum_folder, tmp_path) -> None:
     runs = [tmp_path / name for name in ("one", "two")]
     for seed, run in enumerate(runs):
-        program(
-            "calibrate", pendulum_folder / "tracks", "--robot", pendulum_folder / "pendulum.toml", "--out", run,
-            "--method", "random", "--budget", 2, "--seed", seed, "--horizon", 0.5,
-        ).done()  # fmt: skip
+        program(*words(pendulum_folder, run, "--seed", seed)).done()
     for run in runs:
         (run / "report.html").unlink()
     program("report", *runs).done()

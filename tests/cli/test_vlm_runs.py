@@ -10,10 +10,9 @@ import pytest
 from program import CTRL_C, interrupted, process
 
 from recorded import PENDULUM_SPACE
+from refused import says
 from run_settings import record_of
-from swim2real.calibration import RunFolder
 from swim2real.cli import main
-from swim2real.settings import BriefingSettings
 from vlm_server import PROVIDERS, hangs, refuses, replies, sends
 
 MOVED = PENDULUM_SPACE.parameters[:2]  # those of the robot file
@@ -58,28 +57,6 @@ def record(path: Path) -> list[dict]:
 
 def kept(path: Path) -> list[dict]:
     return [json.loads(one.read_text()) for one in sorted((path / "advisor").glob("call_*.json"))]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("provider", "kind"), [("google", "video/mp4"), ("openai", "image/png"), ("anthropic", "png")])
-def test_a_run_with_each_provider_shows_films_or_pictures(program, words, vlm, tmp_path, provider, kind):
-    vlm.script(then=thoughtful)
-    program(*words(provider=provider)).done()
-    entries = record(tmp_path / "run")
-    assert len(entries) == 5
-    assert entries[1]["note"]["proposal"]["diagnosis"] == "seen 1"
-    assert entries[1]["note"]["proposal"]["notes"]["model"] == "some-model"
-    wire = json.dumps(vlm.requests[0].body)
-    assert kind in wire
-    assert ("video/mp4" in wire) == (provider == "google")
-    assert "The loss is" in vlm.requests[0].text
-    assert "elbow_damping" in vlm.requests[0].text
-    assert (vlm.requests[0].schema is not None) == (provider != "anthropic")  # of an unknown one it is told in words
-    assert "additionalProperties" in wire
-    settings = RunFolder(tmp_path / "run").settings()
-    assert settings.advisor == f"{provider}:some-model"
-    assert settings.briefing == BriefingSettings("both", "auto", "low")
-    assert "so far 1 calls, 1.1k tokens" in program.err
 
 
 @pytest.mark.slow
@@ -210,31 +187,22 @@ def test_files_step_by_step_on_different_days(program, pendulum_folder, tmp_path
     words = [*start, "--out", run, "--advisor", "files", "--once", "--budget", 6, "--detail", "low"]
     program(*words)
     assert program.code == 0
-    assert program.err.splitlines()[-1] == (
-        f"swim2real: round 1 waits: read '{run / 'advisor/round_001/briefing.md'}'; leave the reply as "
-        f"'{run / 'advisor/round_001/reply.json'}'; then --resume goes on"
-    )
     first = run / "advisor" / "round_001"
+    assert says(program.err, "round 1 waits", str(first / "briefing.md"), str(first / "reply.json"), "--resume")
     assert (first / "1.png").read_bytes().startswith(b"\x89PNG")
-    page = (first / "briefing.md").read_text()
-    assert "elbow_damping" in page
     (first / "reply.json").write_text("I think it needs a heavier arm")
     program(*words, "--resume")
     assert program.code == 0
     assert "the reply holds no JSON object" in (first / "reply.problem.txt").read_text()
-    for number in range(1, 6):
+    number = 0
+    while not (run / "outcome.json").is_file():
+        number += 1
         moved = MOVED[number % 2]
         value = moved.lower + (moved.upper - moved.lower) * number / 10
-        content = {"diagnosis": "seen", "parameters": {moved.name: value}}
-        folder = run / "advisor" / f"round_{number:03d}"
-        if not folder.is_dir():
-            break
-        (folder / "reply.json").write_text(json.dumps(content))
+        reply = run / "advisor" / f"round_{number:03d}" / "reply.json"
+        reply.write_text(json.dumps({"diagnosis": "seen", "parameters": {moved.name: value}}))
         program(*words, "--resume")
         assert program.code == 0
-        if (run / "outcome.json").is_file():
-            break
     assert len(record(run)) == 6
-    again = [*start, "--out", tmp_path / "again", "--budget", 6, "--advisor", f"replay:{run}"]
-    program(*again).done()
+    program(*start, "--out", tmp_path / "again", "--budget", 6, "--advisor", f"replay:{run}").done()
     assert record(tmp_path / "again") == record(run)

@@ -69,19 +69,6 @@ def test_recordings_have_one_protocol_and_the_units_of_their_sensors(pool):
     assert make_plan(ALONE, pool, FISH).settings.protocols == ("motion",)
 
 
-def test_swims_begin_where_each_protocol_says_or_allows(pool, plan):
-    starts = [
-        [
-            job.settings.start
-            for job in make_plan(replace(ALONE, start=start, protocols=FISH.trials.protocols), pool, FISH).jobs("out")
-        ]
-        for start in ("rest", None)
-    ]
-    assert starts == [["rest", "rest", None], [None, None, None]]
-    with pytest.raises(RunError, match="can't go on with another start: it was each protocol's own"):
-        changed(plan, start="rest").extending(plan)
-
-
 def test_folders_have_plain_names_and_no_two_the_same():
     labels = ["random", "random+linear", "line-search@google:gemini", "line-search@google_gemini"]
     labels += [f"line-search@replay:{path}" for path in ("/a/b", "_a_b", "/a_b", "a b", "a" * 200, "a" * 201)]
@@ -145,16 +132,11 @@ def test_a_plan_is_read_back_as_it_was(plan, tmp_path):
 
 @pytest.mark.parametrize(
     ("changes", "says"),
-    [
-        ({"format": 1}, "'format' is 1"),
-        ({"settings": {"seeds": 3}}, r"'settings.seeds' is 3; it must be a list"),
-        ({"settings": {"methods": ["magic"], "protocols": ["aligned"]}}, "there is no method 'magic'"),
-        ({"settings": {"budget": 0}}, "budget is 0"),
-        ({"settings": {"protocols": ["mine"]}}, r"'settings.protocols\[0\]' is \"mine\""),
-        ({"settings": {}}, "at least one method"),
-    ],
+    [({"format": 1}, "'format' is 1"), ({"settings": {"seeds": 3}}, r"'settings.seeds' is 3"),
+     ({"settings": {"methods": ["magic"], "protocols": ["aligned"]}}, "no method 'magic'"),
+     ({"settings": {"budget": 0}}, "budget is 0"), ({"settings": {}}, "at least one method")],
     ids=str,
-)
+)  # fmt: skip
 def test_a_damaged_plan_is_a_sentence(plan, changes, says, tmp_path):
     plan.write(tmp_path)
     path = tmp_path / "plan.json"
@@ -177,11 +159,8 @@ def test_a_larger_plan_has_all_of_the_earlier_one(plan, caplog):
 @pytest.mark.parametrize(
     ("changes", "says"),
     [
-        ({"reference": "0" * 64}, r"reference: it was \w{12} \(f1_20, f1_60\) and is now 0{12} \(f1_20, f1_60\)"),
-        (
-            {"engine": Engine("mujoco 9.9", "implicit", 0.001, (1.0,))},
-            r"engine: it was mujoco \S+ .* and is now mujoco 9.9 \(implicit, 0.001 s, fluid forces \w{8}\)",
-        ),
+        ({"reference": "0" * 64}, r"reference: it was \w{12} \(f1_20, f1_60\) and is now 0{12} "),
+        ({"engine": Engine("mujoco 9.9", "implicit", 0.001, (1.0,))}, "engine: it was .* and is now mujoco 9.9 "),
         ({"robot": "eel"}, "robot: it was fish and is now eel"),
         ({"settings": replace(BASE, horizon=2.0)}, r"horizon: it was 4.0 and is now 2.0"),
         ({"settings": replace(BASE, budget=2)}, "has a budget of 3 evaluations and can't go on with 2"),
@@ -191,10 +170,3 @@ def test_a_larger_plan_has_all_of_the_earlier_one(plan, caplog):
 def test_what_cant_share_a_table_is_refused(plan, changes, says):
     with pytest.raises(RunError, match=rf"{says}.*; use .*, or another folder"):
         replace(plan, **changes).extending(plan)
-
-
-def test_other_briefings_matter_only_where_a_vlm_is_asked(plan):
-    other = changed(plan, briefing=BriefingSettings("numbers"))
-    assert other.extending(plan).settings.briefing.show == "numbers"
-    with pytest.raises(RunError, match=r"go on with another briefing: it was \{'show': 'both'"):
-        changed(other, methods=("line-search@openai:some-model",)).extending(plan)

@@ -7,7 +7,7 @@ import signal
 import sys
 import threading
 import time
-from concurrent.futures import CancelledError, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from glob import glob
 from pathlib import Path
@@ -28,7 +28,7 @@ from swim2real.comparison import (
     read_plan,
     read_results,
 )
-from swim2real.comparison.cluster import check_session, check_versions, dask_cluster, explain_failure, session
+from swim2real.comparison.cluster import check_session, check_versions, dask_cluster, session
 from swim2real.comparison.compare import Work, run_job
 from swim2real.comparison.plan import PROBLEM
 from swim2real.pipeline import calibrate
@@ -325,23 +325,13 @@ def test_versions_of_workers_are_compared(caplog):
 
 @pytest.mark.parametrize(
     ("address", "error", "says"),
-    [
-        ("local:0", ArgumentError, "cluster is 'local:0'; write local:N with a whole number N from 1 on"),
-        ("local:two", ArgumentError, "cluster is 'local:two'; write local:N with a whole number N from 1 on"),
-        ("here", ArgumentError, "cluster is 'here'; write tcp://HOST:PORT of a Dask scheduler, or local:N"),
-        ("tcp://127.0.0.1:9", RunError, "no Dask scheduler answers at 'tcp://127.0.0.1:9': .*; check the address"),
-        (None, MissingExtraError, r"install them with: pip install 'swim2real\[cluster\]'"),
-    ],
-)
+    [("local:0", ArgumentError, "cluster is 'local:0'"), ("here", ArgumentError, "cluster is 'here'"),
+     ("tcp://127.0.0.1:9", RunError, "no Dask scheduler answers at 'tcp://127.0.0.1:9'"),
+     (None, MissingExtraError, r"pip install 'swim2real\[cluster\]'")],
+)  # fmt: skip
 def test_a_cluster_that_cant_be_is_named(address, error, says, tmp_path, monkeypatch):
     monkeypatch.setattr("swim2real.comparison.cluster._CONNECTION_TIME", 1)
     if address is None:
         monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(error, match=says), dask_cluster(address or "local:2", tmp_path, "token"):
         pass
-
-
-def test_lost_runs_are_explained():
-    assert explain_failure(RunError("its process died")) == "its process died"
-    assert explain_failure(CancelledError()) == "the cluster gave it up; run again to go on"
-    assert explain_failure(ValueError("what?")) == "unexpected ValueError: what?"

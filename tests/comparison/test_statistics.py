@@ -155,14 +155,6 @@ def test_the_tables_of_recordings_have_the_figures_that_there_are() -> None:
     assert turning["figures"].rows[0][1][-1].text == "90.0 ± 0.0"
 
 
-def test_markers_that_no_run_speaks_of_have_a_dash() -> None:
-    silent = playback_results()
-    for run in silent.runs:
-        run.fit.trials["a"].aligned_marker_errors.clear()
-    made = {table.key: table for table in tables(silent, "playback")}
-    assert [[cell.text for cell in cells] for _, cells in made["markers"].rows] == [["–", "–"]]
-
-
 def test_results_come_back_as_they_were_written(tmp_path) -> None:
     for made in (playback_results(), two_methods()):
         (tmp_path / "results.json").write_text(json.dumps(made.as_dict()))

@@ -12,6 +12,7 @@ from swims import film_demo
 
 from films import contents, tables
 from markertrack.camera_file import read_camera
+from markertrack.following import FrameProgress
 from markertrack.points import load_points
 from markertrack.quality import check_track
 from markertrack.track import MarkerTrack
@@ -30,7 +31,7 @@ from swim2real.demo import (
     track,
 )
 from swim2real.demo import example as room
-from swim2real.pipeline import FrameProgress, TrackedVideo
+from swim2real.pipeline import TrackedVideo
 from swim2real.robots.fish import FISH
 from swim2real.simulation import Simulator, Swim
 from swim2real.trials import Actuation, load_reference

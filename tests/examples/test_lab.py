@@ -12,7 +12,7 @@ from swim2real.pipeline import track_video
 from swim2real.robots import load_robot
 from swim2real.settings import TrackingSettings
 from swim2real.trials import Signals, load_reference
-from swimbase.errors import ArgumentError, TrackingError, TrialError
+from swimbase.errors import ArgumentError, TrackingError
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 FINGER = load_robot(EXAMPLES / "finger" / "finger.toml")
@@ -91,18 +91,6 @@ def test_it_is_tracked_again_when_a_table_is_another(films, tmp_path):
     assert trial.controls.values.tolist() == [[0.01]]
 
 
-def test_a_table_that_cant_be_read_stops_it_before_the_tracking(films, tmp_path):
-    bad = tmp_path / "bad.csv"
-    bad.write_text("seconds,winch\n0,0.01\n", encoding="utf-8")
-    with pytest.raises(TrialError, match=r"bad.csv, line 1: the header must be time_s,NAME,…"):
-        tracked(films, tmp_path / "trials", controls=bad)
-    assert not (tmp_path / "trials").exists()
-
-
 def test_markers_of_a_robot_that_bends_anyhow_are_picked(films, tmp_path):
-    with pytest.raises(TrackingError) as caught:
+    with pytest.raises(TrackingError, match=r"robot 'finger' can't be found by themselves.*`swim2real pick`"):
         track_video(films / "pull.mp4", "auto", FINGER, TrackingSettings(), tmp_path / "trials")
-    assert str(caught.value) == (
-        "the markers of robot 'finger' can't be found by themselves: that takes a straight swimmer, and its trials are "
-        "recordings; pick the points with `swim2real pick`"
-    )

@@ -89,17 +89,6 @@ def test_a_diverged_simulation_is_told_and_leaves_the_others_alone(robot):
     assert not batch.failed.any()
 
 
-def test_a_state_taken_over_by_another_set_remembers_nothing():
-    batch, models = batch_of(FISH, [PUBLISHED, SLOW], 1)
-    batch.step(SPEEDS[:1], STEPS)
-    for member in (1, 0):
-        batch.start(0, member)
-        batch.step(SPEEDS[:1], STEPS)
-        alone = mujoco.MjData(models[member][0])
-        FastStep(models[member][0]).run(alone, SPEEDS[0], STEPS)
-        np.testing.assert_array_equal(batch.qpos[0], alone.qpos)
-
-
 def test_sets_of_another_structure_are_refused():
     def thinner(values):
         spec = FISH.build(values)

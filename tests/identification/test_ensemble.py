@@ -113,13 +113,9 @@ def moved(content, **values):
 
 
 @pytest.mark.parametrize(
-    ("settings", "given", "parts"),
-    [
-        (EnsembleSettings, {"within": 1.0}, ("within is 1", "above 1 and up to 10")),
-        (EnsembleSettings, {"count": 1}, ("count is 1", "at least 2")),
-        (IdentifiabilitySettings, {"rounds": 0}, ("rounds is 0", "at least 1")),
-        (IdentifiabilitySettings, {"seed": -1}, ("seed is -1", "at least 0")),
-    ],
-)
-def test_settings_are_checked(settings, given, parts):
-    assert says(refusal(ArgumentError, settings, **given), *parts)
+    ("settings", "given", "part"),
+    [(EnsembleSettings, {"within": 1.0}, "within is 1"), (EnsembleSettings, {"count": 1}, "count is 1"),
+     (IdentifiabilitySettings, {"rounds": 0}, "rounds is 0"), (IdentifiabilitySettings, {"seed": -1}, "seed is -1")],
+)  # fmt: skip
+def test_settings_are_checked(settings, given, part):
+    assert part in refusal(ArgumentError, settings, **given)

@@ -11,7 +11,7 @@ import toy
 
 from refused import refusal, says
 from swim2real.calibration.convergence import standing
-from swim2real.identification.evaluated import EvaluatedPoint, autocorrelation, independent_numbers
+from swim2real.identification.evaluated import EvaluatedPoint, independent_numbers
 from swim2real.identification.finished_run import reopen
 from swim2real.identification.identifiability import (
     EVALUATED,
@@ -259,13 +259,6 @@ def test_draws_of_a_linear_problem_have_the_covariance_of_least_squares():
     assert found.draws[:, 2].std() == pytest.approx(12**-0.5, rel=0.15)
 
 
-def test_first_points_are_the_best_both_sides_of_it_and_others_near_its_loss():
-    points = [np.array(point) for point in ([0.5, 0.5], [0.505, 0.5], [0.8, 0.2], [0.1, 0.99])]
-    found = first_points(list(zip(points, (1.0, 1.1, 2.0, 4.0), strict=True)))
-    expected = [(0.5, 0.5), (0.44, 0.5), (0.56, 0.5), (0.5, 0.44), (0.5, 0.56), (0.8, 0.2)]
-    np.testing.assert_allclose(found, expected)
-
-
 def test_directions_name_what_holds_most_of_them():
     rng = np.random.default_rng(0)
     both, alone = rng.uniform(size=(2, 4000))
@@ -283,15 +276,6 @@ def test_numbers_that_hang_together_count_as_few():
     smooth = np.array([white[i : i + 50].mean(axis=0) for i in range(200)]) @ rng.standard_normal((6, 6))
     assert 2 < independent_numbers(smooth.ravel(), [(200, 6)]) < 120
     assert independent_numbers(white.ravel(), [(250, 6)]) > 0.8 * white.size
-
-
-def test_autocorrelation_of_what_is_known():
-    times = np.arange(400)
-    sine = np.sin(2 * np.pi * times / 40)[:, None]
-    found = autocorrelation(sine)
-    assert found[0] == 1
-    assert found[20] == pytest.approx(-(1 - 20 / 400), abs=0.01)
-    assert np.array_equal(autocorrelation(np.zeros((5, 2))), [1, 0, 0, 0, 0])
 
 
 @pytest.mark.parametrize("noise", [0.0, 1e-3])

@@ -3,9 +3,7 @@
 import numpy as np
 import pytest
 
-from markertrack.tracking.bodies import LEAD
 from markertrack.tracking.markers import MarkerTracker
-from markertrack.tracking.rigid import Expected, label, pairs_of
 from swimbase.errors import TrackingError
 
 WIDTH, HEIGHT, RADIUS, SPACING, FPS = 420, 240, 6, 32, 60
@@ -121,18 +119,6 @@ def test_a_push_by_most_of_a_spacing_is_never_mistaken_silently():
     assert (confidence[:, 7:] > 0.5).all()
     assert not ((off > 1) & (confidence >= 0.5)).any()
     assert (confidence[8:, 1:6] < 0.5).all()
-
-
-def test_equal_places_have_no_lead():
-    """Two markers of three on a row: the third is to the left or to the right."""
-    shape, right = np.array([[100.0, 50.0], [130.0, 50.0], [160.0, 50.0]]), np.array([15.0, 0.0])
-    body = Expected(shape + right, pairs_of(shape), 20.0, 20.0, 0.1, 60.0, 60.0, 3.0, False)
-    both = label([body], shape[:2] + 2 * right, [np.ones((3, 2))], (WIDTH, HEIGHT))
-    assert np.count_nonzero(both.spots[0] >= 0) == 2
-    assert both.leads[0] < LEAD
-    three = label([body], shape + right, [np.ones((3, 3))], (WIDTH, HEIGHT))
-    assert three.spots[0].tolist() == [0, 1, 2]
-    assert three.leads[0] > LEAD
 
 
 def test_a_plate_that_turns_quickly_is_found_again():

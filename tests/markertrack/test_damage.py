@@ -77,20 +77,6 @@ def test_pictures_that_lean_on_a_broken_one_are_marked(tmp_path):
     assert [n for n, (_, _, intact) in zip(_numbers(frames), frames, strict=True) if not intact] == worse
 
 
-def test_broken_frames_are_summed_up_and_the_first_ones_left_out(tmp_path):
-    whole = path = _made(tmp_path / "swim.avi", "mjpeg", {})
-    for packet in (5, 6, 7, 20, 30):
-        path = damage(path, packet)
-    frames, notes, _ = read(path)
-    assert len(frames) == 31
-    assert notes == ["5 frames broken and left out, from 0.167 to 1.000 s"]
-    frames, notes, _ = read(damage(damage(whole, 0), 1))
-    assert len(frames) == 34
-    assert frames[0][0] == 0.0
-    assert error(frames[0][1], noisy(2)) < 8
-    assert notes == ["2 frames before the first whole one left out"]
-
-
 @pytest.mark.parametrize(
     ("name", "encoder", "threads"),
     [("swim.mp4", "libx264", 1), ("swim.mkv", "libx264", 4), ("swim.mp4", "libx265", 4), ("swim.avi", "mjpeg", 4)],

@@ -156,16 +156,3 @@ def test_markers_of_other_colors(marker, body):
     positions, _ = short.tracked()
     assert np.isfinite(positions).all()
     assert rmse(short, positions) < 0.25
-
-
-def test_a_used_tracker_gives_the_same_track_and_frames_must_come_in_order(glared):
-    film, positions, confidence = glared
-    tracker = DetectionTracker()
-    tracker.start(film.pictures[3], film.places[3], 3.0)
-    tracker.follow(film.pictures[4], 3.1)
-    again = [tracker.start(film.pictures[0], film.places[0], 0.0)]
-    again += [tracker.follow(i, t) for i, t in zip(film.pictures[1:6], film.times[1:6], strict=True)]
-    np.testing.assert_array_equal([p for p, _ in again], positions[:6])
-    np.testing.assert_array_equal([c for _, c in again], confidence[:6])
-    with pytest.raises(TrackingError, match=r"0\.08\d+ s isn't after the last one.*in order"):
-        tracker.follow(film.pictures[5], film.times[5])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from markertrack.drawing import DARK, PAGE, Canvas, contact_sheet, plain, text_size, to_pillow, to_png
+from markertrack.drawing import DARK, PAGE, Canvas, contact_sheet, plain, to_pillow, to_png
 from swimbase.errors import ArgumentError
 
 GROUND, RED = (200, 200, 200), (200, 0, 0)
@@ -95,28 +95,6 @@ def test_what_is_outside_of_the_picture_does_no_harm():
     assert cover[40:, :60].max() == 0
 
 
-def test_text_stands_at_its_anchor():
-    wide, tall = text_size("M0", 20)
-    assert 20 < wide < 40
-    assert 18 < tall < 30
-    for anchor, left in (((0, 0.5), 20), ((0.5, 0.5), 20 - wide / 2), ((1, 0.5), 20 - wide)):
-        cover = drawn(lambda c, anchor=anchor: c.text((20 + 10, 30), "M0", RED, 20, anchor))
-        columns = np.flatnonzero(cover.max(axis=0) > 0.3)
-        assert columns[0] == pytest.approx(left + 10 + 1.5, abs=2)
-        assert columns[-1] == pytest.approx(left + 10 + wide - 2.5, abs=2)
-        assert centroid(cover)[1] == pytest.approx(30, abs=2)
-
-
-@pytest.mark.parametrize("ground", [0, 255])
-def test_a_plate_makes_text_readable_on_any_ground(ground):
-    canvas = Canvas(to_pillow(np.full((60, 80, 3), ground, np.uint8)))
-    canvas.text((40, 30), "M0", (255, 255, 255), 20, (0.5, 0.5), plate=DARK)
-    pixels = canvas.pixels().astype(int)
-    assert pixels[20:40, 22:60].max() >= 250
-    assert np.median(pixels[20:40, 22:60]) < 70
-    assert (pixels[:12] == ground).all()
-
-
 def test_pictures_are_copied_and_written_as_they_are():
     image = np.full((60, 80, 3), 7, np.uint8)
     canvas = Canvas(to_pillow(image))
@@ -160,14 +138,9 @@ def test_a_contact_sheet_shows_all_pictures_with_captions():
 
 @pytest.mark.parametrize(
     ("count", "captions", "columns", "width", "words"),
-    [
-        (0, [], 1, 100, "0 pictures and 0 captions; give one or more, with one each"),
-        (1, [], 1, 100, "1 pictures and 0 captions"),
-        (1, ["a", "b"], 1, 100, "1 pictures and 2 captions"),
-        (1, ["a"], 0, 100, "0 columns of 100 px; it must be 1 column or more, of 16 px or more"),
-        (1, ["a"], 2, 15, "2 columns of 15 px"),
-    ],
-)
+    [(0, [], 1, 100, "0 pictures"), (1, ["a", "b"], 1, 100, "2 captions"), (1, ["a"], 0, 100, "0 columns"),
+     (1, ["a"], 2, 15, "15 px")],
+)  # fmt: skip
 def test_a_contact_sheet_says_what_it_needs(count, captions, columns, width, words):
     with pytest.raises(ArgumentError, match=words):
         contact_sheet([np.zeros((9, 16, 3), np.uint8)] * count, captions, columns, width)

@@ -2,10 +2,8 @@
 
 import numpy as np
 import pytest
-from test_bodies import HEIGHT, MIDDLE, RADIUS, SHEET, WIDTH, drawn, errors, followed, silent
+from test_bodies import HEIGHT, MIDDLE, RADIUS, SHEET, WIDTH, errors, followed, silent
 
-from markertrack.tracking.free import _Flow as Flow
-from markertrack.tracking.looks import Looks, squares
 from markertrack.tracking.markers import MarkerTracker
 
 GROUND = np.random.default_rng(3).normal(0, 1, (HEIGHT // 6, WIDTH // 6)).repeat(6, 0).repeat(6, 1)
@@ -47,17 +45,6 @@ def test_a_marker_that_changes_is_followed(radius, color):
     assert (confidence >= 0.5).mean() > 0.95
 
 
-def test_one_that_is_lit_more_brightly_keeps_its_spot():
-    """Its linear light is 1.4 times as much, its contrast with the ground almost twice."""
-    level = 200 * np.array([1.0, 1.4 ** (1 / 2.2)])
-    picture = painted(wandering, lambda k: 7, lambda k: np.full(3, level[k]))
-    looks = Looks(picture(0), wandering(0))
-    spots = looks.find(picture(1), squares(wandering(1), 15.0))
-    near = np.linalg.norm(spots.centers[:, None] - wandering(1), axis=2)
-    np.testing.assert_allclose(spots.areas[near.argmin(axis=0)], np.pi * 49, rtol=0.2)
-    assert near.min(axis=0).max() < 0.3
-
-
 def test_one_that_was_hidden_for_long_stays_doubtful():
     """Something like it, elsewhere, may be another one."""
 
@@ -80,25 +67,6 @@ def test_a_body_that_turns_out_to_be_soft_is_followed():
     off, confidence = errors(MarkerTracker([1] * 12), places, 45)
     assert silent(off, confidence) == []
     assert (confidence >= 0.5).mean() > 0.9
-
-
-@pytest.mark.parametrize("radius", [3.0, 9.0, 30.0])
-def test_flow_gives_step_and_growth(radius):
-    step, growth = np.array([4.0, -2.5]), 1.05
-    first, second = (
-        painted(lambda k, at=at: [at], lambda k, r=r: r, lambda k: (40, 40, 40))(0)
-        for at, r in ((MIDDLE, radius), (MIDDLE + step, radius * growth))
-    )
-    moves = Flow(first).follow(second, MIDDLE[None], np.array([radius]), np.zeros((1, 2)))
-    np.testing.assert_allclose(moves.steps[0], step, atol=0.3)
-    assert moves.growths[0] == pytest.approx(growth, abs=0.03)
-    assert moves.errors[0] < 1
-
-
-def test_flow_of_a_marker_that_vanished_contradicts_itself():
-    gone = painted(lambda k: [], lambda k: 1, lambda k: (0, 0, 0))(1)
-    moves = Flow(drawn(lambda k: MIDDLE[None])(0)).follow(gone, MIDDLE[None], np.array([6.0]), np.zeros((1, 2)))
-    assert moves.errors[0] > 0.6
 
 
 BLACK = (30, 30, 30)

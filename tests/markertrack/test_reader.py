@@ -64,14 +64,6 @@ def test_scaled_pictures_match(tmp_path, rotation):
         frame.image[0, 0] = 0
 
 
-def test_scaled_heights_are_even(tmp_path):
-    frame = first_frame(clip(tmp_path / "swim.mp4", 3))
-    sizes = ((2, 2), (50, 30), (51, 30), (53, 32), (160, 96), (320, 192))
-    assert [frame.scaled(width).shape[1::-1] for width, _ in sizes] == list(sizes)
-    with pytest.raises(VideoError, match="can't be scaled to a width of 0 px; it must be at least 2"):
-        frame.scaled(0)
-
-
 def test_threads_change_nothing(tmp_path):
     path = clip(tmp_path / "swim.mp4")
     for (time, image, _), (other, same, _) in zip(read(path)[0], read(path, threads=3)[0], strict=True):

@@ -11,7 +11,7 @@ from PIL import Image
 from browser import played
 from films import discs
 from markertrack.corrections import find_stretches
-from markertrack.pages import DOUBTED, EXPECTED, MOST_WITHIN, SHARPEST, SURE, make_strips, write_review_page
+from markertrack.pages import DOUBTED, EXPECTED, MOST_WITHIN, SURE, make_strips, write_review_page
 from markertrack.points import Anchor, load_anchors
 from markertrack.track import MarkerTrack
 from swimbase.errors import TrackingError
@@ -240,16 +240,3 @@ def test_a_strip_shows_the_stretch_and_the_frames_beside_it():
                 assert 9 <= y <= height - 9
     states = {mark.marker: mark.state for mark in both.cuts[3].marks}
     assert states == {0: SURE, 1: EXPECTED, 2: DOUBTED} | ({3: SURE} if 3 in states else {})
-
-
-@pytest.mark.parametrize("size", [(WIDTH, HEIGHT), (40, 30), (4000, 3000)])
-def test_a_marker_that_was_never_seen_has_the_whole_film(size):
-    positions = np.full((5, 1, 2), np.nan)
-    never = MarkerTrack(np.arange(5), positions)
-    (strip,) = make_strips(never, find_stretches(never), *size)
-    assert {cut.box for cut in strip.cuts} == {(0, 0, *size)}
-    assert [cut.frame for cut in strip.cuts] == [0, 1, 2, 3, 4]
-    strip.cuts[0].show(np.zeros((size[1], size[0], 3), np.uint8), 0.0)
-    assert picture(strip.cuts[0].picture).shape[1::-1] == (
-        size if max(size) <= SHARPEST else (SHARPEST, round(SHARPEST * size[1] / size[0]))
-    )

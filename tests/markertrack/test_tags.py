@@ -4,8 +4,8 @@ import cv2
 import numpy as np
 import pytest
 
-from markertrack.tracking.opencv import TagTracker
-from swimbase.errors import ArgumentError, TrackingError
+from markertrack.tracking.tags import TagTracker
+from swimbase.errors import TrackingError
 
 NUMBERS = (7, 3, 21)
 PLACES = np.array([[80.0, 60.0], [200.0, 90.0], [300.0, 170.0]])
@@ -91,8 +91,3 @@ def test_points_that_are_no_tags_are_refused(tracker, image, points, says):
     with pytest.raises(TrackingError) as caught:
         tracker.start(image, points, 0.0)
     assert says in str(caught.value)
-
-
-def test_an_unknown_dictionary_is_refused_with_those_that_exist():
-    with pytest.raises(ArgumentError, match=r"tags is '4x5'; OpenCV has .* 4X4_100, .*APRILTAG_36h11"):
-        TagTracker("4x5")

@@ -10,7 +10,6 @@ from PIL import Image
 from markertrack.following import write_review
 from markertrack.track import MarkerTrack
 from markertrack.video import VideoWriter
-from swimbase.errors import TrackingError
 
 SIZE, LENGTH, BEGIN = (160, 96), 30, 8
 
@@ -57,12 +56,4 @@ def test_frames_are_those_of_the_video(video, tmp_path):
 
 def test_nothing_is_written_where_nothing_is_doubtful(video, tmp_path):
     assert write_review(video, track(), ("dot",), tmp_path / "r.html", BEGIN, "") is None
-    assert not list(tmp_path.iterdir())
-
-
-def test_a_film_that_is_shorter_than_its_track(video, tmp_path):
-    with pytest.raises(
-        TrackingError, match=r"video '.*dot\.mp4' has no frame 34, in which its track is; track it again"
-    ):
-        write_review(video, track(18, 19, 20), ("dot",), tmp_path / "r.html", 13, "")
     assert not list(tmp_path.iterdir())

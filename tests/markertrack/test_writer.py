@@ -1,3 +1,5 @@
+import re
+
 import numpy as np
 import pytest
 from clips import FPS, HEIGHT, WIDTH, clip, error, picture, read
@@ -98,16 +100,10 @@ def test_wrong_arguments_are_refused(tmp_path, changes, message):
     assert len(list(tmp_path.iterdir())) == 2
 
 
-@pytest.mark.parametrize(
-    ("image", "message"),
-    [
-        (np.zeros((96, 161, 3), np.uint8), r"shape \(96, 161, 3\) of uint8; .* takes \(96, 160, 3\) of uint8"),
-        (np.zeros((96, 160), np.uint8), r"shape \(96, 160\) of uint8"),
-        (np.zeros((96, 160, 3)), r"shape \(96, 160, 3\) of float64"),
-    ],
-)
-def test_wrong_pictures_are_refused(tmp_path, image, message):
-    with pytest.raises(VideoError, match=message), VideoWriter(tmp_path / "swim.mp4", 160, 96, 30) as writer:
+@pytest.mark.parametrize("image", [np.zeros((96, 161, 3), "u1"), np.zeros((96, 160), "u1"), np.zeros((96, 160, 3))])
+def test_wrong_pictures_are_refused(tmp_path, image):
+    said = rf"shape {re.escape(str(image.shape))} of {image.dtype}"
+    with pytest.raises(VideoError, match=said), VideoWriter(tmp_path / "swim.mp4", 160, 96, 30) as writer:
         writer.write(image)
     assert list(tmp_path.iterdir()) == []
 

@@ -1,5 +1,4 @@
 import json
-import math
 from dataclasses import replace
 
 import numpy as np
@@ -10,13 +9,8 @@ from markertrack.track import MarkerTrack
 from swim2real.calibration import Problem
 from swim2real.objective import FAILED_LOSS, Comparison, compare_steady, evidence, steady_target
 from swim2real.objective.figures import (
-    AVERAGED,
-    FIGURES,
     FitFigures,
     TrialFigures,
-    figure_values,
-    figures_for,
-    sensor_figure,
 )
 from swim2real.robots.fish import FISH
 from swim2real.trials import Trial, TrialSet
@@ -264,18 +258,3 @@ def test_stages_of_the_residual_begin_without_progress_and_end_with_the_loss(poo
     added = float(np.linalg.norm(moved[1][0] * moved[1][1])) - squares[1] ** 0.5
     assert 0.02 < added < 0.01 * np.log1p(60 / 0.01)  # of 50 m
     assert np.linalg.norm(moved[1][0]) > 49
-
-
-def test_figures_are_shown_in_their_units(whole_motion):
-    recorded = FitFigures.model_validate(evidence(whole_motion))
-    first = recorded.trials[whole_motion.trials[0].name]
-    shown = {name: FIGURES[name].text(value) for name, value in figure_values(first).items()}
-    assert set(shown) == set(FIGURES) - {"heading_error", "sensor_errors"}  # which recordings have
-    assert set(figure_values(recorded)) <= set(AVERAGED)
-    assert shown["yaw_real"] == f"{np.rad2deg(first.yaw_real):.1f}"
-    assert (FIGURES["yaw_error"].heading, FIGURES["shape_error"].column) == ("Yaw error (°)", "shape mm")
-    assert [figures_for(registered)["aligned_marker_error"].label for registered in (True, False)] == [
-        "Aligned marker error", "Marker error",
-    ]  # fmt: skip
-    load = sensor_figure("load", "mm")
-    assert [load.text(value) for value in (0.12345, None, math.nan)] == ["0.123", "–", "–"]

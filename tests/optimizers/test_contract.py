@@ -179,16 +179,12 @@ def test_a_seed_that_is_no_whole_number_is_refused(seed):
 
 
 @pytest.mark.parametrize(
-    ("point", "dimension", "message"),
-    [
-        ([0.5, 1.2], None, "a point must lie in the unit cube, got coordinates from 0.5 to 1.2"),
-        ([np.nan, 0.2], None, "a point must lie in the unit cube, got coordinates from nan to nan"),
-        ([0.5, 0.5], 3, "a point has shape (2,); expected (3,)"),
-        ([[0.5]], None, "a point has shape (1, 1); expected (d,)"),
-    ],
-)
-def test_points_outside_the_cube_are_refused(point, dimension, message):
-    assert refusal(OptimizerError, cube_point, point, dimension) == message
+    ("point", "dimension", "part"),
+    [([0.5, 1.2], None, "from 0.5 to 1.2"), ([np.nan, 0.2], None, "from nan to nan"),
+     ([0.5, 0.5], 3, "(2,); expected (3,)"), ([[0.5]], None, "(1, 1); expected (d,)")],
+)  # fmt: skip
+def test_points_outside_the_cube_are_refused(point, dimension, part):
+    assert part in refusal(OptimizerError, cube_point, point, dimension)
 
 
 def searched(seed: int, **settings) -> Optimizer:
@@ -198,40 +194,25 @@ def searched(seed: int, **settings) -> Optimizer:
 @pytest.mark.parametrize(
     ("make", "settings", "parts"),
     [
-        (least_squares, {"difference": 0.0}, ("difference is 0.0", "above 0 and at most 0.5")),
-        (least_squares, {"difference": 0.6}, ("difference is 0.6", "above 0 and at most 0.5")),
-        (least_squares, {"radius": np.nan}, ("radius is nan", "above 0 and at most 1")),
-        (bayesopt, {"initial": 0}, ("initial is 0", "at least 1")),
-        (bayesopt, {"loss_factor": 0.0}, ("loss_factor is 0.0", "finite and above 0")),
-        (bayesopt, {"loss_factor": np.inf}, ("loss_factor is inf", "finite and above 0")),
-        (cma_es, {"dimension": 1}, ("dimension is 1", "at least 2")),
-        (cma_es, {"population": 3}, ("population is 3", "at least 4")),
-        (cma_es, {"sigma": 0.0}, ("sigma is 0.0", "above 0 and at most 1")),
-        (cma_es, {"sigma": np.nan}, ("sigma is nan", "above 0 and at most 1")),
+        (least_squares, {"difference": 0.6}, ("difference is 0.6", "0.5")), (least_squares, {"radius": 2}, ("radius",)),
+        (bayesopt, {"initial": 0}, ("initial is 0", "1")), (bayesopt, {"loss_factor": np.inf}, ("loss_factor is inf",)),
+        (cma_es, {"dimension": 1}, ("dimension is 1", "2")), (cma_es, {"population": 3}, ("population is 3", "4")),
+        (cma_es, {"sigma": np.nan}, ("sigma is nan", "1")), (searched, {"max_steps": 0}, ("max_steps is 0", "1")),
         (searched, {"decrease_factor": 1.0}, ("decrease_factor is 1.0", "between 0 and 1")),
-        (searched, {"decrease_factor": np.nan}, ("decrease_factor is nan", "between 0 and 1")),
-        (searched, {"max_steps": 0}, ("max_steps is 0", "at least 1")),
     ],
-)
+)  # fmt: skip
 def test_settings_out_of_range_are_refused(make, settings, parts):
     assert says(refusal(OptimizerError, make, 0, **settings), *parts)
 
 
 @pytest.mark.parametrize(
-    ("make", "missing", "parts"),
-    [
-        (bayesopt, ["skopt"], ("method bayesopt needs scikit-optimize", "pip install 'swim2real[compare]'")),
-        (
-            bayesopt,
-            ["skopt", "threadpoolctl"],
-            ("method bayesopt needs scikit-optimize", "pip install 'swim2real[compare]'"),
-        ),
-        (cma_es, ["cma"], ("method cma-es needs pycma", "pip install 'swim2real[compare]'")),
-    ],
-)
-def test_without_its_library_a_method_says_what_to_install(monkeypatch, make, missing, parts):
+    ("make", "missing", "library"),
+    [(bayesopt, ["skopt"], "scikit-optimize"), (bayesopt, ["skopt", "threadpoolctl"], "scikit-optimize"),
+     (cma_es, ["cma"], "pycma")],
+)  # fmt: skip
+def test_without_its_library_a_method_says_what_to_install(monkeypatch, make, missing, library):
     for name in [name for name in sys.modules if name.partition(".")[0] == "skopt"]:
         monkeypatch.delitem(sys.modules, name)
     for name in missing:
         monkeypatch.setitem(sys.modules, name, None)
-    assert says(refusal(MissingExtraError, make, 0), *parts)
+    assert says(refusal(MissingExtraError, make, 0), library, "pip install 'swim2real[compare]'")

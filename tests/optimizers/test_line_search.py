@@ -15,7 +15,6 @@ from swim2real.optimizers import (
     ScriptedAdvisor,
     recorded_advice,
 )
-from swim2real.pipeline.methods import default_starts
 from swimbase.errors import AdvisorError, OptimizerError
 
 FIRST = np.array([0.2, 0.8])
@@ -147,12 +146,6 @@ def test_measurements_are_evaluated_as_they_are_and_no_steps():
     assert (len(done.measurements), len(done.steps), done.accepted) == (2, 1, True)
 
 
-def test_a_step_along_one_parameter_is_a_measurement_of_it():
-    step = Measurement.of_one(FIRST, 1, "b", -0.1)
-    np.testing.assert_allclose(step.point, [0.2, 0.7])
-    assert step.candidate.note == {"source": "measurement", "parameter": "b"}
-
-
 @pytest.mark.parametrize(("failed", "begun"), [(set(), BESIDE.point), ({1}, FIRST)])
 def test_a_measurement_that_is_better_is_where_the_steps_begin_unless_it_failed(failed, begun):
     advisor = Watching([BESIDE, TO])
@@ -219,11 +212,6 @@ def test_a_start_that_failed_is_searched_from_last():
     np.testing.assert_array_equal(advisor.shown[0].incumbent.candidate.point, STARTS[1])
 
 
-@pytest.mark.parametrize(("dimension", "budget", "count"), [(4, 60, 6), (2, 60, 4), (16, 40, 4), (4, 9, 1), (4, 1, 1)])
-def test_the_number_of_starts_is_a_tenth_of_the_budget_and_two_a_parameter_at_most(dimension, budget, count):
-    assert default_starts(dimension, budget) == count
-
-
 # the search that asks again
 
 
@@ -238,11 +226,7 @@ NAMED = Proposal(
         ([TO, FIRST / 2], [1.0, 2.0, 2.0], [TO, FIRST / 2]),  # asked again after a step that fails
         ([TO, FIRST / 2], [1.0, 11.0, 2.0, 2.0], [TO, FIRST + DIRECTION / 2, FIRST + DIRECTION / 4]),  # but for a jump
         ([NAMED, TO], [1.0, 2.0, 20.0, 20.0, 3.0], [FIRST + DIRECTION / 2, TO, [0, 0], FIRST / 2]),
-        (
-            [NAMED, NAMED, NAMED, TO],
-            [1.0, 2.0, 3.0, 3.0, 3.0, 3.0],
-            [FIRST + DIRECTION / 2, TO, [0, 0], [0.28, 0.82], TO],
-        ),
+        ([NAMED] * 3 + [TO], [1.0, 2.0] + [3.0] * 4, [FIRST + DIRECTION / 2, TO, [0, 0], [0.28, 0.82], TO]),
         ([NAMED, np.ones(2)], [1.0, 0.5, 3.0], [FIRST + DIRECTION / 2, [1, 1]]),  # alternatives of what failed alone
     ],
 )

@@ -68,14 +68,6 @@ def test_starts_that_swim_best_go_first_then_the_nearest_bodies_half_of_them_clo
     assert lowest(told) < 0.01
 
 
-def test_points_alike_leave_a_stage_nearly_as_low_and_spread_where_it_sees_nothing():
-    told = searched(900, walled, [np.full(D, share) for share in (0.4, 0.6, 0.5, 0.3)])
-    alike = [one for one in told if one.candidate.note["source"] == "alike"][: 2 * D]
-    assert len(alike) == 2 * D
-    body = [abs(linear(one.candidate.point)[0]) for one in alike]
-    assert np.median(body) < 0.1 < np.std([one.candidate.point for one in alike], axis=0).max()  # bounds cut some
-
-
 def test_a_descent_on_what_is_smooth_ends_after_fewer_vain_steps():
     lasts = []
     for smooth in (False, True):

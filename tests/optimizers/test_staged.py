@@ -123,23 +123,6 @@ def test_what_is_known_of_the_place_where_a_stage_begins_is_told_and_not_paid_fo
     assert len(np.unique(points(told), axis=0)) == 40
 
 
-def test_a_stage_that_can_not_better_its_start_leaves_it():
-    def worse(candidate):
-        one = evaluation(candidate)
-        return replace(one, detail={**one.detail, "arm": float(candidate.point[3] != first_point(D, 0)[3])})
-
-    fluid = fluid_of(worse)
-    assert np.all(fluid[:, 3] == first_point(D, 0)[3])
-
-
-def test_the_first_point_counts_where_nothing_is_held():
-    alone = (Stage("arm", ARM, 1.0, "scan", part("arm")),)
-    told = driven(6, budget=6, stages=alone, held={})
-    assert len(np.unique(points(told)[:, 3])) == 6  # the scan doesn't evaluate the first point's place again
-    searched = (Stage("fluid", FLUID, 1.0),)
-    assert len(np.unique(points(driven(6, budget=6, stages=searched, held={})), axis=0)) == 6
-
-
 def test_a_record_replays_bit_for_bit():
     def failing(candidate):
         return evaluation(candidate, failed=bool(candidate.point[4] > 0.8))
@@ -203,22 +186,17 @@ def test_a_search_that_begins_elsewhere_is_refused():
 
 
 @pytest.mark.parametrize(
-    ("changes", "message"),
+    ("changes", "part"),
     [
-        ({"budget": 0}, "budget is 0; it must be at least 1"),
-        ({"stages": ()}, "there are no stages; give at least one"),
-        ({"stages": (Stage("a", (), 1.0),)}, "stage 'a' has coordinates (); give some, each once"),
-        ({"stages": (Stage("a", (1, 1), 1.0),)}, "stage 'a' has coordinates (1, 1); give some, each once"),
-        ({"stages": (Stage("a", (1,), 0.0),)}, "stage 'a' has a share of 0.0; it must be above 0"),
-        ({"stages": (Stage("a", (1,), np.nan),)}, "stage 'a' has a share of nan; it must be above 0"),
-        ({"stages": (Stage("a", (8,), 1.0),)}, "coordinate 8 is none of the cube's; there are 0 to 7"),
-        ({"held": {-1: 0.5}}, "coordinate -1 is none of the cube's; there are 0 to 7"),
-        ({"held": {3: 0.5}}, "stage 'arm' moves coordinate 3, which is held"),
-        ({"held": {6: 1.5}}, "a point must lie in the unit cube, got coordinates from "),
+        ({"budget": 0}, "budget is 0"), ({"stages": ()}, "no stages"), ({"held": {-1: 0.5}}, "coordinate -1"),
+        ({"stages": (Stage("a", (1, 1), 1.0),)}, "'a' has coordinates (1, 1)"),
+        ({"held": {3: 0.5}}, "coordinate 3, which is held"),
+        ({"stages": (Stage("a", (1,), np.nan),)}, "share of nan"), ({"held": {6: 1.5}}, "unit cube"),
+        ({"stages": (Stage("a", (8,), 1.0),)}, "coordinate 8"),
     ],
-)
-def test_settings_out_of_range_are_refused(changes, message):
-    assert refusal(OptimizerError, staged, **changes).startswith(message)
+)  # fmt: skip
+def test_settings_out_of_range_are_refused(changes, part):
+    assert part in refusal(OptimizerError, staged, **changes)
 
 
 def scan(count, best, planned=None, first=None, failed=lambda x: False):
@@ -227,16 +205,6 @@ def scan(count, best, planned=None, first=None, failed=lambda x: False):
         return Evaluation(candidate, abs(place - best), failed(place))
 
     return points(answered(GridScan(planned or count, first), count, answer))[:, 0].tolist()
-
-
-def test_a_scan_looks_everywhere_evenly_and_then_closer():
-    places = scan(7, 0.33)
-    np.testing.assert_allclose(places[:5], [0.1, 0.3, 0.5, 0.7, 0.9])
-    np.testing.assert_allclose(places[5:], [0.2, 0.4])  # halves beside 0.3, the lower first
-
-
-def test_a_scan_asks_for_the_known_place_first():
-    assert scan(3, 0.5, planned=2, first=np.array([0.9])) == [0.9, 0.25, 0.75]
 
 
 @given(st.floats(0, 1), st.integers(1, 60))

@@ -70,15 +70,11 @@ def test_checked_values_are_floats_in_the_order_of_the_space():
     ("values", "parts"),
     [
         ({**GOOD, "drgg": 1.0}, ("'drgg'", "did you mean 'drag'", "in best.json")),
-        ({**GOOD, "xyz": 1.0}, ("'xyz'", "drag, arm_length, stiffness")),
         ({"drag": 0.4, "stiffness": 0.65}, ("missing parameter in best.json: arm_length",)),
-        ({"drag": 0.4}, ("missing parameters", "arm_length, stiffness")),
         ({**GOOD, "drag": float("nan")}, ("'drag'", "nan", "finite", "0 to 10")),
         ({**GOOD, "drag": 10**400}, ("'drag'", "inf", "finite", "0 to 10")),
         ({**GOOD, "arm_length": 0.5}, ("'arm_length' in best.json is 0.5", "out of bounds", "0.01 to 0.06 m")),
-        ({**GOOD, "drag": -1}, ("'drag'", "-1", "out of bounds", "0 to 10")),
         ({**GOOD, "drag": True}, ("'drag'", "true, not a number", "0 to 10")),
-        ({**GOOD, "drag": "0.4"}, ("'drag'", '"0.4", not a number')),
         ({**GOOD, "drag": None}, ("'drag'", "null, not a number")),
     ],
 )
@@ -90,7 +86,6 @@ def test_bad_values_are_refused(values, parts):
     ("point", "parts"),
     [
         ([0.5, 0.5], ("3 coordinates", "(2,)")),
-        ([[0.5, 0.5, 0.5]], ("3 coordinates", "(1, 3)")),
         ([0.5, 0.5, 1.5], ("within 0 and 1", "0.5 to 1.5")),
         ([np.nan, 0.5, 0.5], ("within 0 and 1", "nan")),
     ],
@@ -104,7 +99,6 @@ def test_points_outside_the_cube_are_refused(point, parts):
     [
         ((1.0, 1.0), None, ("'p'", "1 is the upper bound", "give a range")),
         ((750.0, 30.0), None, ("'p'", "750 is above upper bound 30", "swap")),
-        ((0.0, np.inf), None, ("'p'", "inf", "finite")),
         ((np.nan, 1.0), None, ("'p'", "nan", "finite")),
         ((-1.0, 1.0), 1.0, ("-1.0 plus log offset 1.0", "above 0")),
     ],

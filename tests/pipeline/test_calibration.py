@@ -68,30 +68,16 @@ def test_trials_of_another_robot_are_refused_with_what_to_type(tmp_path):
 @pytest.mark.parametrize(
     ("changes", "parts"),
     [
-        ({"budget": 0}, ("budget is 0", "at least 1")),
-        ({"method": "guessing"}, ("method is 'guessing'; there are line-search, proposal-search, random, cma-es,",)),
-        ({"advisor": "oracle"}, ("advisor is 'oracle'; there are physics, files, replay:RUN, google:MODEL,",)),
-        ({"protocol": "strict"}, ("protocol is 'strict'; there are motion, aligned, paper, playback",)),
-        ({"scale": "cubic"}, ("scale is 'cubic'; there are auto, log, linear",)),
-        ({"max_steps": 0}, ("max_steps is 0", "at least 1")),
-        ({"probes": 2, "method": "random"}, ("probes is for line-search and proposal-search", "not random")),
-        ({"horizon": -1.0}, ("horizon is -1 s", "0")),
-        ({"horizon": float("nan")}, ("horizon is nan s", "0")),
-        ({"threads": -1}, ("threads is -1", "0")),
-        ({"seed": 1.5}, ("seed is 1.5", "a whole number from 0 on")),
-        ({"seed": True}, ("seed is True", "a whole number from 0 on")),
+        ({"method": "guessing"}, ("'guessing'", "line-search")), ({"advisor": "oracle"}, ("'oracle'", "physics")),
+        ({"protocol": "strict"}, ("'strict'", "motion")), ({"scale": "cubic"}, ("'cubic'", "log")),
+        ({"max_steps": 0}, ("max_steps is 0", "1")), ({"horizon": float("nan")}, ("horizon is nan s", "0")),
+        ({"probes": 2, "method": "random"}, ("probes", "not random")), ({"threads": -1}, ("threads is -1", "0")),
+        ({"seed": 1.5}, ("seed is 1.5", "whole number")), ({"seed": True}, ("seed is True", "whole number")),
     ],
     ids=str,
-)
+)  # fmt: skip
 def test_wrong_settings_are_named(changes, parts):
     assert says(refusal(ArgumentError, CalibrationSettings, **changes), *parts)
-
-
-@pytest.mark.parametrize(("protocol", "resolved"), [("aligned", "log"), ("paper", "linear")])
-def test_the_paper_protocol_searches_the_linear_box_unless_told(protocol, resolved):
-    assert CalibrationSettings(protocol=protocol, scale="auto").resolved_scale == resolved
-    for scale in ("linear", "log"):
-        assert CalibrationSettings(protocol=protocol, scale=scale).resolved_scale == scale
 
 
 # optimizers

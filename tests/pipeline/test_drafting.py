@@ -10,7 +10,6 @@ from small_models import ARM, FINGER, HOPPER, MODELS, PENDULUM, snake
 from swim2real.checks.probing import FAINT, probe
 from swim2real.pipeline.drafting import draft_robot, write_draft
 from swim2real.robots import load_robot
-from swim2real.robots.candidates import candidates
 from swim2real.robots.drives import TABLE
 from swim2real.robots.robot import CommandLimits
 from swimbase.errors import EngineError, RobotError
@@ -141,34 +140,6 @@ def test_servos_have_their_gains_calibrated_and_names_of_any_kind_are_written(be
     assert robot.recordings.controls == {"shoulder.servo": TABLE, "elbow.servo": TABLE}
     assert robot.policy.actuators["elbow.servo"] == CommandLimits(-1.0, 1.0, 10.0, "-")  # ready to be trained
     assert "# geoms without a name: 1; parameters write to names or classes (main)" in out.read_text()
-
-
-def suggested(xml):
-    return candidates(mujoco.MjSpec.from_string(xml), mujoco.MjModel.from_xml_string(xml))
-
-
-def test_bounds_lie_around_the_value_with_few_digits():
-    found = suggested(HOPPER)
-    damping, mass = found["left_hip_damping"], found["trunk_mass"]
-    assert (damping.lower, damping.upper, damping.log_offset) == (0.01, 0.25, 0.0)
-    assert (mass.lower, mass.upper) == (0.75, 3.0)
-
-
-def test_twins_are_one_parameter_only_where_they_have_one_value():
-    xml = PENDULUM.replace('"shoulder"', '"left_joint"').replace('<joint name="elbow"', '<joint name="right_joint"')
-    assert suggested(xml)["joint_damping"].target == 'joint "left_joint", "right_joint" damping'
-    each = suggested(xml.replace('name="left_joint"', 'name="left_joint" damping="0.1"'))
-    assert {"left_joint_damping", "right_joint_damping", "joint_stiffness"} <= set(each)
-
-
-def test_a_file_may_stand_elsewhere(tmp_path):
-    (tmp_path / "models").mkdir()
-    (tmp_path / "robots").mkdir()
-    model, out = tmp_path / "models" / "p.xml", tmp_path / "robots" / "p.toml"
-    model.write_text(PENDULUM)
-    write_draft(draft_robot(model, threads=1), model, out)
-    assert tomllib.loads(out.read_text())["model"] == "../models/p.xml"
-    assert load_robot(out).name == "pendulum"
 
 
 def test_a_model_with_sensors_and_no_sites_is_recorded_without_a_camera(begun):

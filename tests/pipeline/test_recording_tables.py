@@ -16,7 +16,7 @@ from swim2real.pipeline.recording import Wanted, recorded
 from swim2real.trials import Trial
 from swim2real.trials.log_table import read_log
 from swim2real.trials.timebase import Timebase
-from swimbase.errors import ArgumentError, TrialError
+from swimbase.errors import ArgumentError
 
 TIMES = np.arange(40) / 50
 ANGLES = np.stack([np.sin(3 * TIMES + i) for i in range(8)])
@@ -152,10 +152,3 @@ def test_a_sensor_that_the_robot_file_has_behind_a_sign_is_named(tmp_path, behin
     robot = replace(PENDULUM, source=tmp_path / "arm.toml")
     said = refusal(ArgumentError, Wanted.of, robot, (), (), ("gyro[0]=g",), ())
     assert says(said, "'gyro[0]' is no sensor", part)
-
-
-def test_stamps_in_a_unit_that_nothing_says_are_asked_for(tmp_path):
-    from swim2real.trials.reference import add_trial
-
-    trial = made(tmp_path / "run.csv", table(stamps=1e6 * TIMES)).trial
-    assert says(refusal(TrialError, add_trial, tmp_path / "out", trial, PENDULUM.marker_names), "--time COLUMN:us")

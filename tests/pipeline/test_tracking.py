@@ -11,17 +11,17 @@ from pool import Glare
 
 import swim2real
 from films import CAMERA, Shot, contents, named, parts, shoot, tables
+from markertrack import film as room
 from markertrack.camera_file import CameraFile, write_camera
 from markertrack.points import save_points
 from markertrack.quality import check_track
 from markertrack.track import MarkerTrack
 from swim2real.pipeline import TrackedVideo, track_video, track_videos
-from swim2real.pipeline import tracking as room
 from swim2real.robots.fish import FISH
 from swim2real.settings import TrackingSettings
 from swim2real.trials import Trial, load_reference
 from swim2real.trials.pose_tables import read_dlc
-from swimbase.errors import ArgumentError, TrackingError, TrialError, VideoError
+from swimbase.errors import ArgumentError, TrialError, VideoError
 
 NAMES = FISH.marker_names
 FAST = TrackingSettings(overlay=False)
@@ -103,14 +103,6 @@ def test_the_report_says_what_was_done_and_found(shot, done):
     assert set(contents(done)) - {".lock"} == files
 
 
-@pytest.mark.usefixtures("quick_tracker")
-def test_progress_is_told_after_every_frame_and_an_overlay_can_be_left_out(clip, tmp_path):
-    seen = []
-    tracked(clip, tmp_path, on_progress=seen.append)
-    assert [(p.name, p.done, p.total, p.lost) for p in seen] == [("f1_25", k, 7, 0) for k in range(1, 8)]
-    assert not (tmp_path / "tracks" / f"{clip.name}.mp4").exists()
-
-
 def test_a_marker_that_is_hidden_is_lost_there_and_nowhere_else(tmp_path):
     """M4 and M5 are below glare for 0.3 s, M7 for two frames."""
     glares = (Glare(0.45, 0.75, over=(4, 5)), Glare(0.985, 1.05, over=(7,)))
@@ -147,9 +139,6 @@ def test_the_frequency_is_the_arguments_or_the_names(clip, tmp_path):
         with pytest.raises(ArgumentError, match=f"frequency is {wrong:g} Hz; it must be finite and above 0"):
             tracked(clip, tmp_path / "other", frequency=wrong)
     assert not (tmp_path / "other").exists()
-
-
-# other videos
 
 
 # going on
@@ -277,15 +266,3 @@ def test_one_and_two_processes_write_the_same_files_and_answer_in_the_order_of_t
     assert tables(tmp_path / "1") == tables(tmp_path / "2")
     index = "reference.json"
     assert contents(tmp_path / "1")[index] == contents(tmp_path / "2")[index]
-
-
-# bad input
-
-
-@pytest.mark.usefixtures("quick_tracker")
-def test_a_camera_file_that_isnt_there_or_contradicts_the_robot_is_told(clip, tmp_path):
-    write_camera(tmp_path / "camera.json", CameraFile(camera_height=0.01))
-    for name, says in (("camera", r"camera_height 0\.01 m doesn't reach beyond marker M"), ("none", "is not there")):
-        with pytest.raises(TrackingError, match=says):
-            tracked(clip, tmp_path / "reference", replace(FAST, camera=tmp_path / f"{name}.json"))
-    assert not (tmp_path / "reference" / "reference.json").exists()

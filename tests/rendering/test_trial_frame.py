@@ -1,27 +1,24 @@
 """Frames of trials: blue and red are where the arrays say, nothing is drawn that isn't known, and clips show it."""
 
 import itertools
-import re
 
 import numpy as np
 import pytest
 from views import arm, like, near, pixels, swim
 
-from markertrack.drawing import INK, text_size
+from markertrack.drawing import text_size
 from markertrack.video import VideoReader
 from swim2real.rendering.trial_frame import (
     COLORS,
     DIVERGED,
     GROUND,
     SIDES,
-    ErrorChart,
     Panel,
     TrialFrames,
     path_panel,
     plane_panel,
-    shortened,
 )  # fmt: skip
-from swim2real.rendering.trial_view import Box, TrialView, common_limits, rounded_up
+from swim2real.rendering.trial_view import Box, TrialView, common_limits
 from swimbase.errors import ArgumentError, VideoError
 
 INDEX = 45
@@ -68,17 +65,6 @@ def test_lost_markers_and_lines_to_them_are_not_drawn(made, marker, index) -> No
     assert near(without, places[marker], "real", 8) == 0
     assert near(with_it, between, "real", 1.5) > 0.3
     assert near(without, between, "real", 3) == 0
-
-
-def test_the_frame_says_which_markers_are_lost() -> None:
-    panel = Panel(common_limits([swim()]).plane, 624)
-    images = [pixels(plane_panel(swim(lost=lost), 30, panel, 18)) for lost in ((), (3,), (1, 2, 3), tuple(range(5)))]
-    written = [like(image, "real", 60)[-36:, 312:] for image in images]
-    assert not written[0].any()
-    starts = [int(np.flatnonzero(text.any(axis=0))[0]) for text in written[1:]]
-    assert starts[1] < starts[0] - 20  # three names take more room than one
-    image = pixels(plane_panel(swim(lost=(0, 1, 2, 3)), 30, Panel(panel.box, 180), 13))
-    assert np.flatnonzero(like(image, "real", 60)[-22:].any(axis=0))[0] > 36  # a number in place of names
 
 
 @pytest.mark.parametrize(("made", "indices", "behind"), [(arm, (53, 60), (56, 2)), (swim, (1, 61), (51, 4))])
@@ -139,22 +125,6 @@ def test_a_frame_is_even_and_deterministic_and_changes_with_time() -> None:
     assert rows[-1] - rows[0] + 1 >= 12  # px: the time can be read
 
 
-def test_a_chart_follows_the_error() -> None:
-    view = arm()
-    top = rounded_up(float(view.errors.max()))
-    chart = ErrorChart(view, top, 400, 14)
-    image = pixels(chart.at(INDEX))
-    dark = np.abs(image - INK).max(axis=-1) < 60
-    head, bottom = round(1.4 * 14), image.shape[0] - round(1.3 * 0.8 * 14)
-    for index in (k for k in range(5, 90, 5) if abs(k - INDEX) >= 3):
-        rows = head + np.flatnonzero(dark[head:bottom, round((index / 90) * 399)])
-        expected = head + (bottom - 1 - head) * (1 - view.errors[index] / top)
-        assert np.abs(rows - expected).min() < 2.5
-    for index in (30, 60):
-        moved = np.abs(pixels(chart.at(index)) - pixels(chart.at(0))).max(axis=-1) > 40
-        assert moved[head + 3 : bottom - 3, round(index / 90 * 399)].any()
-
-
 @pytest.mark.parametrize("made", [arm, swim])
 def test_a_clip_shows_the_nearest_samples_in_clear_colors(made, tmp_path) -> None:
     view = made(seconds=1.0)
@@ -173,26 +143,14 @@ def test_a_clip_shows_the_nearest_samples_in_clear_colors(made, tmp_path) -> Non
     assert [path.name for path in tmp_path.iterdir()] == ["clip.mp4"]
 
 
-def test_long_names_are_cut_off() -> None:
-    assert shortened("short", 16, 200) == "short"
-    cut = shortened("a name that is much too long for its place", 16, 120)
-    assert cut.startswith("a name")
-    assert cut.endswith("...")
-    assert text_size(cut, 16)[0] <= 120
-
-
 @pytest.mark.parametrize(
     ("call", "words"),
-    [
-        (lambda view, path: frames_of(view, 641), "width is 641 px; it must be even and at least 320"),
-        (lambda view, path: frames_of(view, 318), "width is 318 px"),
-        (lambda view, path: frames_of(view).draw(7), "index is 7; view 'a' has samples 0 to 6"),
-        (lambda view, path: frames_of(view).draw(-1), "index is -1"),
-        (lambda view, path: frames_of(view).write_clip(path / "no.mp4", 0), "fps is 0"),
-        (lambda view, path: frames_of(view).write_clip(path / "no.gif", 10), "its ending must be one of"),
-    ],
-)
+    [(lambda view, path: frames_of(view, 641), "width is 641 px"), (lambda view, path: frames_of(view, 318), "318 px"),
+     (lambda view, path: frames_of(view).draw(7), "index is 7; view 'a' has samples 0 to 6"),
+     (lambda view, path: frames_of(view).write_clip(path / "no.mp4", 0), "fps is 0"),
+     (lambda view, path: frames_of(view).write_clip(path / "no.gif", 10), "its ending")],
+)  # fmt: skip
 def test_what_is_not_allowed_is_refused_and_leaves_nothing(tmp_path, call, words) -> None:
-    with pytest.raises((ArgumentError, VideoError), match=re.escape(words)):
+    with pytest.raises((ArgumentError, VideoError), match=words):
         call(arm(seconds=0.2), tmp_path)
     assert list(tmp_path.iterdir()) == []

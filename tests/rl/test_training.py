@@ -212,27 +212,12 @@ def test_without_any_checkpoint_it_is_begun_anew(checkpoint, tmp_path):
     assert (again.step, again.complete) == (200, False)
 
 
-def test_the_rules_for_short_runs():
-    paper, short = TrainingSettings("forward"), TrainingSettings("forward", 300_000)
-    assert (paper.exploration_steps, paper.updates_per_round, paper.replay) == (50_000, 1, 1_000_000)
-    assert (short.exploration_steps, short.updates_per_round) == (30_000, 17)
-    assert short.total_steps // 200 * short.updates_per_round == pytest.approx(25_000, rel=0.03)
-    assert TrainingSettings("forward", 2_000).updates_per_round == 200  # one a transition
-    assert TrainingSettings("forward", 26_000).updates_per_round == 193
-    assert TrainingSettings("forward", 2_000, updates=500).updates_per_round == 500  # who asks for more gets more
-
-
 @pytest.mark.parametrize(
     ("wrong", "sentence"),
-    [
-        ({"environments": 3}, "environments is 3; it must divide 200"),
-        ({"env_steps": 100}, "env_steps is 100; learning needs 200 at least"),
-        ({"near_goals": 1.0}, "near_goals is 1; it is a share, from 0 below 1"),
-        ({"turn_reward": -0.2}, r"turn_reward is -0\.2 m; it must be finite and 0 or above"),
-        ({"noise_time": -1.0}, "noise_time is -1 s; it must be finite and 0 or above"),
-        ({"env_steps": 300, "exploration": 300}, "exploration is 300; it must be 0 or more and below env_steps"),
-    ],
-)
+    [({"environments": 3}, "environments is 3"), ({"env_steps": 100}, "env_steps is 100"),
+     ({"near_goals": 1.0}, "near_goals is 1"), ({"turn_reward": -0.2}, r"turn_reward is -0\.2 m"),
+     ({"noise_time": -1.0}, "noise_time is -1 s"), ({"env_steps": 300, "exploration": 300}, "exploration is 300")],
+)  # fmt: skip
 def test_settings_out_of_range_are_refused(wrong, sentence):
     with pytest.raises(ArgumentError, match=sentence):
         TrainingSettings("forward", **wrong)

@@ -85,16 +85,6 @@ def test_a_divergence_stays_with_its_environment():
     vector.close()
 
 
-def test_seeds_and_stages_reach_the_environments():
-    vector = rl.make_vector_env("target", PUBLISHED, 3, seed=1, stage=1)
-    vector.seed(20)
-    seen = vector.reset()
-    np.testing.assert_array_equal(seen[2], rl.make_env("target", PUBLISHED, stage=1).reset(seed=22)[0])
-    vector.env_method("set_stage", 3)
-    assert [task.stage for task in vector.get_attr("task")] == [3, 3, 3]
-    assert vector.env_is_wrapped(VecMonitor) == [False] * 3
-
-
 @pytest.mark.slow
 def test_stable_baselines_learns_in_it():
     torch.set_num_threads(1)

@@ -38,9 +38,9 @@ MODEL = """
 
 
 def test_markers_of_the_first_ones_body_keep_their_distances():
-    assert FISH.rigid_markers == (0, 1, 2)
-    assert load_robot(EXAMPLES / "finger" / "finger.toml").rigid_markers == (0, 1)
-    assert load_robot(EXAMPLES / "snake" / "snake.toml").rigid_markers == (0, 1)
+    assert FISH.layout.rigid == (0, 1, 2)
+    assert load_robot(EXAMPLES / "finger" / "finger.toml").layout.rigid == (0, 1)
+    assert load_robot(EXAMPLES / "snake" / "snake.toml").layout.rigid == (0, 1)
 
 
 @pytest.mark.parametrize(
@@ -50,4 +50,4 @@ def test_a_body_without_a_joint_moves_with_its_parent(tmp_path, markers, rigid):
     (tmp_path / "rod.xml").write_text(MODEL, encoding="utf-8")
     mujoco.MjSpec.from_string(MODEL).compile()
     (tmp_path / "rod.toml").write_text(ROBOT.replace('["stone", "rod", "plate"]', markers), encoding="utf-8")
-    assert load_robot(tmp_path / "rod.toml").rigid_markers == rigid
+    assert load_robot(tmp_path / "rod.toml").layout.rigid == rigid

@@ -17,13 +17,6 @@ PUBLISHED = FISH_EXTENDED.space.published
 EXTRA = FISH_EXTENDED.space.names[16:]
 
 
-def test_the_sixteen_come_first_and_stay_as_they_are():
-    assert FISH_EXTENDED.space.parameters[:16] == FISH.space.parameters
-    assert EXTRA == ("hull_added_mass", "surface_damping")
-    assert len(FISH.space) == 16
-    assert [FISH_EXTENDED.space[name].published for name in EXTRA] == [0.0, 0.0]
-
-
 @pytest.mark.parametrize("name", EXTRA)
 def test_every_extra_parameter_changes_the_swim_that_is_the_plain_fishs_without(name):
     values = (PUBLISHED, {**PUBLISHED, name: 1.0})
@@ -31,20 +24,6 @@ def test_every_extra_parameter_changes_the_swim_that_is_the_plain_fishs_without(
     plain, before, after = (Stepper(model, FISH_EXTENDED, 0.1, 9.0, 0.0).run(300).markers for model in models)
     np.testing.assert_array_equal(plain, before)
     assert np.linalg.norm(after - before, axis=2).max() > 1e-5
-
-
-def test_each_goes_where_it_belongs():
-    plain = FISH_EXTENDED.build(PUBLISHED).compile()
-    model = FISH_EXTENDED.build({**PUBLISHED, "surface_damping": 0.7}).compile()
-    more = model.dof_damping - plain.dof_damping
-    assert {model.joint(int(model.dof_jntid[dof])).name: more[dof] for dof in np.flatnonzero(more)} == {
-        "slide_x": 0.7, "slide_y": 0.7,
-    }  # fmt: skip
-    model = FISH_EXTENDED.build({**PUBLISHED, "hull_added_mass": 1.3}).compile()
-    hull = model.body("fish").id
-    assert model.body_mass[hull] - plain.body_mass[hull] == pytest.approx(2.6)
-    yaw, before = (m.body_inertia[hull].max() for m in (model, plain))
-    assert yaw - before > 2 * 1.3 * 0.1**2 * 0.9  # two masses 0.2 m apart
 
 
 def test_the_fast_step_takes_the_extended_fish():

@@ -161,17 +161,6 @@ def test_a_unit_converts_and_a_range_is_a_turn(tmp_path, said, factor, turn, wra
     assert (sensor.factor, sensor.turn, sensor.wraps) == (pytest.approx(factor), pytest.approx(turn), wraps)
 
 
-def test_a_swimmer_has_its_markers_sensors_only(tmp_path):
-    robot = load_robot(
-        made(tmp_path, SWIMMING, SWIMS, parameter("'joint \"crank\" armature'"), "value = 0.01", model=SWIMMER)
-    )
-    assert (robot.swims.surge_joints, robot.swims.motor_joint, robot.swims.tail_markers) == (("x", "y"), "crank", (1,))
-    model = robot.build(robot.space.published).compile()
-    assert [model.sensor(i).name for i in range(model.nsensor)] == ["nose", "stern"]
-    with pytest.raises(ArgumentError, match="are steady swims; this needs recordings"):
-        _ = robot.recordings
-
-
 # what parameters write
 
 
@@ -184,22 +173,6 @@ def test_one_value_goes_to_several_places_each_in_its_own_way(tmp_path):
     model = robot.build({"x": 0.4}).compile()
     np.testing.assert_allclose(model.dof_damping.reshape(2, -1)[:, 0], [0.4, 0.3])
     assert model.body("lower").mass == pytest.approx(0.4)
-
-
-def test_both_gains_of_a_servo_can_be_parameters_down_to_0(tmp_path):
-    first = parameter("'actuator \"servo\" kp'", 0.0, 10.0)
-    second = parameter("'actuator \"servo\" kv'", 0.0, 1.0).replace('"x"', '"y"')
-    for parts in ((first, second), (second, first)):
-        robot = load_robot(made(tmp_path, ROBOT, RECORDINGS, *parts))
-        assert robot.space.published == {"x": 5.0, "y": 0.3}
-        servo = robot.build({"x": 0.0, "y": 0.5}).compile().actuator("servo")
-        np.testing.assert_array_equal(servo.gainprm[:2], [0, 0])
-        np.testing.assert_array_equal(servo.biasprm[:3], [0, 0, -0.5])
-
-
-def test_a_parameter_has_the_models_value_where_its_places_agree(tmp_path):
-    line = "['geom \"rod1\" fluidcoef[0]', {to = 'geom class \"wet\" fluidcoef[1]', factor = 0.5}]"
-    assert load_robot(made(tmp_path, ROBOT, RECORDINGS, parameter(line))).space.published == {"x": 0.5}
 
 
 @pytest.mark.parametrize("folder", ["", "models"])
@@ -266,7 +239,7 @@ def test_no_parameter_and_no_hook_keeps_a_robot_from_being_tracked(tmp_path):
     assert robot.build({"good": 0.7}).compile().dof_damping.reshape(3, -1)[2, 0] == 0.7
     np.testing.assert_allclose(robot.rest_markers, [[0, 0], [0.2, 0]])
     copy = pickle.loads(pickle.dumps(robot))  # as it goes to a process that tracks a film
-    assert copy.rigid_markers == robot.rigid_markers == (0, 1)
+    assert copy.layout.rigid == robot.layout.rigid == (0, 1)
 
 
 def test_where_a_value_keeps_the_model_from_compiling_the_models_own_count(tmp_path):
@@ -331,12 +304,8 @@ def test_robots_are_found_by_name_or_file(tmp_path):
     ("old", "new", "parts"),
     [
         ("format = 1", "format = 2", ["'format' is 2", "must be 1"]),
-        ("format = 1", "", ["'format' is None", "must be 1"]),
-        ("camera", "camara", ["'camara'", "did you mean 'camera'?"]),
         ('"side"', '"below"', ["'camera' is \"below\"", "'above', 'side' or 'front'"]),
-        ('name = "arm"', "", ["'name' is missing"]),
         ('name = "arm"', 'name = " "', ["'name'", "blank"]),
-        ('"arm.xml"', "3", ["'model' is 3", "a text"]),
         ('"arm.xml"', '"leg.xml"', ["FOLDER/leg.xml' is not there", "give the MJCF file's path"]),
         ('"arm.xml"', '"arm.toml"', ["MuJoCo can't read model 'FOLDER/arm.toml'"]),
         ('"arm.xml"', '"python:arm"', ["'model' is 'python:arm'", "python:MODULE:FUNCTION"]),
@@ -344,42 +313,28 @@ def test_robots_are_found_by_name_or_file(tmp_path):
         ('"tip"]', '"base"]', ["'markers' has 'base' twice"]),
         ('["base", "elbow", "tip"]', "[]", ["there are neither 'markers' nor [recordings.sensors]"]),
         ('"tip"]', '{site = "tip", rest = [1, "2"]}]', ["'markers[2].rest[1]' is \"2\"", "a number"]),
-        ('"tip"]', '"tip"]\nlinks = [["tip"]]', ["'links[0]'", "at least 2"]),
         ('"tip"]', '"tip"]\nlinks = [["tip", "toe"]]', ["'links' is 'toe'", "base, elbow, tip"]),
         ("[recordings]", "", ["[recordings]", "[swims]", "neither"]),
         ("[recordings]", SWIMS + "[recordings]", ["[recordings]", "[swims]", "both"]),
         ("[recordings]", '[recordings]\nstart = "left"', ["'start' is 'left'", "rest, markers, fitted, up, down"]),
         ("[recordings]", '[recordings]\nframe = ["tip", "tip"]', ["'frame'", "two different markers"]),
         ("[recordings]", "[recordings]\nscore_progress = true", ["'score_progress'", "needs 'frame'"]),
-        ("[recordings]", "[recordings]\nscore_progress = 1", ["'recordings.score_progress' is 1", "true or false"]),
         ("[recordings]", '[recordings.controls]\nmoter = "table"', ["'moter'", "servo, motor, torque, damped, law"]),
         ("[recordings]", '[recordings.controls]\nmotor = "tables"', ["'recordings.controls.motor' is \"tables\"",
                                                                       "'interpolated table' or 'frequency'"]),
-        ("[recordings]", "[recordings.controls]\nmotor = nan", ["'recordings.controls.motor'", "finite"]),
-        ("[recordings]", "[recordings.controls]\nmotor = {phase = 1}", ["controls.motor.amplitude' is missing"]),
         ("[recordings]", "[recordings.sensors]\nload = {meters_per_unit = 1}", ["no sensor 'load'", "angle, imu"]),
-        ("[recordings]", "[recordings.sensors]\nangle = {meters_per_unit = 0}", ["meters_per_unit' is 0", "above 0"]),
         ("[recordings]", "[recordings.sensors]\nimu = {meters_per_unit = 1}", ["'imu' has 3", '"imu[0]" to "imu[2]"']),
         ("[recordings]", "[recordings.sensors]\nangle = {unit = 'V', meters_per_unit = 1}",
          ["'unit' of sensor 'angle' is 'V'", "in rad", "rev, deg, °, rad, mrad"]),
         ("[recordings]", "[recordings.sensors]\nangle = {range = [360, 0], meters_per_unit = 1}",
          ["angle.range': it is [360.0, 0.0]", "below the second"]),
-        ("[recordings]", '[recordings.sensors]\n"imu[3]" = {meters_per_unit = 1}', ["'imu' has 3", "no [3]"]),
-        (DAMPING, "", ["'parameters' is missing"]),
-        (DAMPING, "[parameters]", ["'parameters' is {}", "a list"]),
         (DAMPING, DAMPING * 2, ["two parameters are named 'damping'"]),
         ("meaning", "meanings", ["parameter 'damping'", "'meanings'", "did you mean 'meaning'?"]) ,
-        ('name = "damping"', "", ["parameter 1", "'name' is missing"]),
-        ("upper = 1.0", "upper = inf", ["parameter 'damping'", "'upper'", "finite"]),
         ("upper = 1.0", "upper = 0.02\nvalue = 0.03", ["'damping' is 0.03", "0.001 to 0.02 N·m·s/rad"]),
         ("upper = 1.0", "upper = 1e-4", ["parameter 'damping'", "0.001 is above upper bound 0.0001", "swap them"]),
         ("lower = 1e-3", "lower = 0", ["lower bound 0.0 plus log offset 0.0 must be above 0"]),
         ("lower = 1e-3", "lower = -1", ["-1 would write -1 to joint \"link*\" damping", "change the bound"]),
-        ('"log"', '"logarithmic"', ["'scale' is \"logarithmic\"", "'log' or 'linear'"]),
-        ("targets = 'joint \"link*\" damping'", "", ["'targets' is missing"]),
-        ("'joint \"link*\" damping'", "[3]", ["'targets[0]' is 3"]),
         ("'joint \"link*\" damping'", "{to = 'option density', factor = 0}", ["'factor' is 0", "changes nothing"]),
-        ("'joint \"link*\" damping'", "{factor = 2}", ["'targets[0].to' is missing"]),
         ("link*", "leg", ["parameter 'damping'", "no joint 'leg'", "link0, link1"]),
         ("joint \"link*\" damping", 'geom "rod1" mass', ["sets no number there", "value = …"]),
         ("joint \"link*\" damping", 'joint "link*" stiffness', ["several numbers there (2, 3)", "value = …"]),

@@ -44,32 +44,6 @@ def test_the_markers_rest_where_they_are_mounted(model):
     assert FISH.rest_markers[1, 0] == pytest.approx(0.142)
 
 
-def test_its_description_is_true_of_the_model(model):
-    assert 2 <= FISH.description.count(". ") + 1 <= 5
-    front, end = -model.site("M0").pos[0], sum(model.body(f"tail{i}").pos[0] for i in range(5))
-    length = front + end + outline_of("tail_fin")[:, 2].max()
-    assert f"{length:.2f} m long" in FISH.description
-    assert "front two thirds" in FISH.description
-    assert (front + model.body("tail0").pos[0]) / length == pytest.approx(2 / 3, abs=0.03)
-    places = [model.body(int(model.site(name).bodyid[0])).name for name in FISH.marker_names]
-    assert places == ["fish"] * 3 + [f"tail{i}" for i in range(5)] + ["tail4"]
-    assert "M0 at the front of the head, M1 at its rear" in FISH.description
-    assert "M3 to M7 one on each tail segment, just behind the tail joints 0 to 4" in FISH.description
-    behind = [model.site(f"M{3 + i}").pos[0] for i in range(5)]
-    assert 0.0 < min(behind) < max(behind) < 0.02
-    assert "swap sides between the third and the fourth segment" in FISH.description
-    sides = [model.site(int(i)).name for i in model.wrap_objid[:6]]
-    assert sides == ["motor_left", "tail0_left", "tail1_left", "tail2_left", "tail3_right", "tail4_right"]
-
-
-def test_the_bodies_are_a_chain_of_the_hardwares_lengths(model):
-    names = ["world", "fish", "motor", "tail0", "tail1", "tail2", "tail3", "tail4"]
-    assert [model.body(i).name for i in range(model.nbody)] == names
-    np.testing.assert_allclose(
-        [model.body(name).pos[0] for name in names[2:]], [0.1655, 0.285, 0.0295, 0.0310, 0.0305, 0.0250]
-    )
-
-
 def test_the_model_is_the_published_one(model):
     assert [model.sensor(i).name for i in range(model.nsensor)] == [f"M{i}" for i in range(9)]
     assert model.body_mass.sum() == pytest.approx(1.4807, abs=5e-5)
@@ -127,13 +101,6 @@ def test_fins_are_closed_plates_of_their_area(outline, thickness, area_mm2):
     volume = np.einsum("ij,ij->i", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])).sum() / 6
     assert 1e6 * volume / thickness == pytest.approx(area_mm2, rel=2e-3)  # above 0: the normals point outward
     assert np.ptp(vertices[:, 1]) == pytest.approx(thickness)
-
-
-@pytest.mark.parametrize("fin", ["tail", "dorsal"])
-def test_the_outlines_are_the_given_ones(shared, fin):
-    lines = (shared / "reference" / "fin_outlines.csv").read_text().splitlines()[1:]
-    rows = [line.split(",")[1:] for line in lines if line.startswith(fin)]
-    np.testing.assert_allclose(outline_of(f"{fin}_fin"), np.array(rows, dtype=float))
 
 
 def test_half_a_turn_of_the_motor_mirrors_the_swim():

@@ -3,12 +3,9 @@
 import numpy as np
 import pytest
 
-from swim2real.robots.fish import FISH
-from swim2real.robots.fish.stages import beat_distance, fish_plan
+from swim2real.robots.fish.stages import beat_distance
 
 WAVE = 0.05 * np.exp(1j * np.linspace(0, 2, 9))
-
-FISH_PLAN = fish_plan()
 
 
 def listed(wave):
@@ -24,23 +21,9 @@ def evidence_of(*pairs):
     return {"trials": {f"swim{i}": trial for i, trial in enumerate(beats)}}
 
 
-def test_each_parameter_is_fitted_in_one_stage_or_held():
-    names = [name for stage in FISH_PLAN.stages for name in stage.parameters] + list(FISH_PLAN.held)
-    assert sorted(names) == sorted(FISH.space.names)
-    FISH.space.check({**FISH.space.published, **FISH_PLAN.held})
-    assert FISH.swims.fit_plan == FISH_PLAN
-
-
 def test_amplitude_and_phase_along_the_body_make_the_distance():
     assert beat_distance(evidence_of((WAVE, WAVE), (0.5 * WAVE, 0.5 * WAVE))) == pytest.approx(0.0, abs=1e-12)
     assert beat_distance(evidence_of((WAVE * np.exp(1.3j), WAVE))) == pytest.approx(0.0, abs=1e-12)
     assert beat_distance(evidence_of((1.2 * WAVE, WAVE))) == pytest.approx(0.01)
     assert beat_distance(evidence_of((np.conj(WAVE), WAVE))) > 0.03  # the wave runs the other way
     assert beat_distance(evidence_of((WAVE, WAVE), (1.2 * WAVE, WAVE))) == pytest.approx(0.005)
-
-
-def test_markers_that_are_not_known_do_not_count():
-    simulated, real, nothing = 1.2 * WAVE, WAVE.copy(), np.full(9, np.nan + 0j)
-    simulated[5], real[3] = np.nan, np.nan
-    assert beat_distance(evidence_of((simulated, real), (nothing, WAVE))) == pytest.approx(0.01)
-    assert np.isnan(beat_distance(evidence_of((nothing, WAVE))))

@@ -169,11 +169,3 @@ def test_gains_of_servos_go_to_both_places_of_their_law(spec):
     assert model.actuator("damped").biasprm[2] == -0.2
     servo.biasprm[2] = 0.0
     assert str(number(servo, "kv")) == "0.0"
-
-
-def test_other_actuators_have_no_servo_gains(spec):
-    for name in ("torque", "law"):  # the bias of `law` isn't in use, since its biastype is none
-        assert attribute(spec.actuator(name), "kp") is None
-        assert attribute(spec.actuator(name), "kv") is None
-        assert "kp" not in attribute_names(spec.actuator(name))
-    assert number(spec.actuator("torque"), "gear") == 2.0

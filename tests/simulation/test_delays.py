@@ -13,7 +13,6 @@ from refused import refusal, says
 from swim2real.calibration import Problem
 from swim2real.parameters import Parameter, ParameterSpace
 from swim2real.robots import load_robot
-from swim2real.robots.drives import INTERPOLATED, TABLE
 from swim2real.robots.targets import Delay, Delays
 from swim2real.simulation import PlaybackSimulator
 from swim2real.trials import Signals
@@ -52,13 +51,6 @@ def test_a_late_control_is_a_table_of_later_rows():
     plain = PlaybackSimulator(telling(PENDULUM, start="rest"), 1)
     undelayed = plain.simulate(PENDULUM_HIDDEN, [plain.request(trial_of())]).trials[0]
     assert np.allclose(now, undelayed.track.positions, atol=1e-9)
-
-
-def test_a_loss_is_smooth_over_fractions_of_a_step():
-    """The engine steps by 2 ms; a tenth of that moves the markers a tenth as far."""
-    robot, trial = late('control "torque" delay'), trial_of()
-    base, tenth, whole = (played(robot, trial, x).track.positions for x in (0.0101, 0.0103, 0.0121))
-    assert np.abs(10 * (tenth - base) - (whole - base)).max() < 0.2 * np.abs(whole - base).max()
 
 
 def test_a_late_sensor_shows_what_was():
@@ -127,7 +119,6 @@ def test_a_file_says_what_is_late_if_it_can_be(tmp_path, target, parts):
 
 
 NUMBERS = st.floats(-1e3, 1e3, allow_nan=False)
-TIMES = np.arange(0, 2.001, 0.002)
 COLUMN = st.lists(st.tuples(st.floats(1e-2, 5.0), NUMBERS), min_size=1, max_size=12)
 
 
@@ -143,18 +134,3 @@ def test_means_of_commands_are_means_of_their_values(column, interpolated, begin
     assert table.at("u", np.array([begin]), over, interpolated=interpolated) == pytest.approx([expected], abs=1e-6)
     at_rows = table.at("u", times, interpolated=interpolated)
     np.testing.assert_allclose(at_rows, table.column("u"), atol=1e-6)
-
-
-def test_a_continuous_command_is_interpolated():
-    """A sine that is logged at 50 Hz and held is 10 ms late; on straight lines it is on time."""
-    often, seldom = (Signals(t, ["torque"], 0.02 * np.sin(6 * t)[:, None]) for t in (TIMES, TIMES[::10]))
-    trial = blank(PENDULUM, "a", 1.9, 100, controls=seldom)
-    true, straight, held, earlier = (
-        played(telling(late('control "torque" delay'), controls={"torque": drive}), one, delay).track.positions
-        for one, drive, delay in (
-            (replace(trial, controls=often), TABLE, -0.001), (trial, INTERPOLATED, 0.0), (trial, TABLE, 0.0),
-            (trial, TABLE, -0.01),
-        )
-    )  # fmt: skip
-    off = [np.abs(one - true).mean() for one in (straight, earlier, held)]
-    assert max(off[:2]) < 0.05 * off[2]

@@ -24,7 +24,6 @@ from recorded import (
 )
 from refused import refusal, says
 from swim2real.calibration import Problem
-from swim2real.checks.reference import starts
 from swim2real.checks.resting import other_start
 from swim2real.robots.fish import FISH
 from swim2real.robots.robot import Trials
@@ -158,13 +157,3 @@ def test_a_motion_too_fast_for_its_frames_is_reported(ringing):
     assert other_start(lines, ringing_reference(200.0, NOISE)) is not None  # 0.1 s are more than half a period, too
     assert other_start(RINGING, ringing) is None
     assert "too fast" not in other_start(telling(FLOATER, start="markers"), floater_reference(NOISE))
-
-
-def test_how_far_off_recordings_start_is_told(ringing):
-    found = starts(RINGING, ringing)
-    assert list(found) == list(ringing.names)
-    for off in found.values():
-        assert np.linalg.norm(off[0], axis=1).max() < 2e-3
-        assert np.linalg.norm(off, axis=2).mean() < 5e-3
-    assert starts(FISH, ringing) == {}
-    assert max(np.abs(off[0]).max() for off in starts(FLOATER, floater_reference()).values()) < 1e-9  # in its frame

@@ -11,7 +11,7 @@ from markertrack.span import Span
 from recorded import blank, make_robot, recorded, telling, with_markers
 from swim2real.calibration import Problem
 from swim2real.parameters import Parameter, ParameterSpace
-from swim2real.robots.drives import INTERPOLATED, TABLE
+from swim2real.robots.drives import TABLE
 from swim2real.robots.robot import Trials
 from swim2real.simulation import PlaybackSimulator
 from swim2real.trials import Signals, TrialSet
@@ -83,14 +83,6 @@ def test_lines_through_the_first_frames_take_what_was_commanded_before():
     assert off(lines, cut) < 5e-4 < 2e-3 < off(lines, bare)
 
 
-def test_every_piece_of_a_recording_begins_as_it_went_on():
-    body = robot("exact")
-    trial = whole(body, 1)
-    pieces = PlaybackSimulator(body, 1)
-    (played,) = pieces.simulate({"time": 0.3}, [pieces.request(trial, pieces=1.0)])
-    assert np.abs(played.track.positions - trial.track.positions).max() < 1e-4
-
-
 def test_from_rest_nothing_is_remembered_but_earlier_commands():
     body = telling(robot("exact"), start="rest")
     trial = whole(body, 1)
@@ -103,19 +95,6 @@ def test_from_rest_nothing_is_remembered_but_earlier_commands():
     )
     assert data.act[0] == pytest.approx(0.8 * (1 - np.exp(-1.0 / 0.3)), rel=1e-6)
     assert data.qpos[0] == 0.0
-
-
-def test_the_loss_is_smooth_in_a_time_constant():
-    body = robot("exact")
-    reference = TrialSet((whole(body, 2, noise=3e-4).within(Span(1.0)),), body.marker_names)
-    times = 0.3 + np.linspace(0, 0.01, 9)
-    losses = [one.loss for one in Problem(body, reference, threads=1).evaluate_many([{"time": t} for t in times])]
-    assert np.abs(np.diff(losses, 2)).max() < 0.05 * np.ptp(losses)
-
-
-def test_commands_on_straight_lines_drive_what_is_remembered():
-    body = telling(robot("exact"), controls={"drive": INTERPOLATED})
-    assert off(body, whole(body, 3).within(Span(1.0))) < 1e-5
 
 
 @pytest.mark.slow

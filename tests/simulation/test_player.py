@@ -81,16 +81,6 @@ def test_sines_and_speeds_are_those_of_the_trials_frequency():
     assert np.allclose(played(robot, trial, FLOATER_HIDDEN).track.positions, markers, atol=1e-12)
 
 
-def test_an_actuator_that_isnt_named_gets_nothing_and_a_number_is_the_same_throughout():
-    robot = telling(FLOATER, controls={"flapper": Drive(offset=0.3)})
-    markers, _ = stepped(robot, FLOATER_HIDDEN, np.tile([0.0, 0.3], (251, 1)))
-    found = played(robot, blank(robot, "a", 0.5, 500), FLOATER_HIDDEN)
-    assert np.allclose(found.track.positions, markers, atol=1e-12)
-    late, early = (Signals([begin], ["torque"], [[0.1]]) for begin in (0.5, 0.0))  # the first holds before its time
-    first, second = (played(AT_REST, blank(AT_REST, "a", 1.0, controls=table)) for table in (late, early))
-    assert np.array_equal(first.track.positions, second.track.positions)
-
-
 def test_what_drives_nothing_is_named():
     prepared = PlaybackSimulator(PENDULUM, 1).request
     other = Signals([0.0], ["speed"], [[0.0]])

@@ -102,11 +102,3 @@ def test_readings_beyond_their_range_are_refused():
     turned = telling(ROBOT, sensors=(Sensor("angle", "deg", 0.02, 180 / np.pi, 1.0, wraps=True),))
     said = refusal(TrialError, loss, turned, read(reference(), np.mod(np.rad2deg(reference().sensors.values), 360)))
     assert says(said, "'angle'", "deg", "the 1 of its range", "'range' in the robot file")
-
-
-def test_rates_are_converted():
-    plain = reference()
-    rates = telling(ROBOT, sensors=(Sensor("rate", "rad/s", 0.001),))
-    (trial,) = recorded(rates, {"damping": 2e-3}, [replace(plain, sensors=None)])
-    degrees = telling(ROBOT, sensors=(Sensor("rate", "deg/s", 0.001 * np.pi / 180, 180 / np.pi),))
-    assert loss(degrees, read(trial, np.rad2deg(trial.sensors.values))) == pytest.approx(loss(rates, trial))

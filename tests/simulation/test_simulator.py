@@ -50,20 +50,6 @@ def test_threads_and_batches_change_nothing():
     assert np.abs(alone[0][1].track.positions - alone[1][1].track.positions).max() > 1e-3
 
 
-def test_trials_say_what_was_asked_and_how_they_were_made():
-    trials = Simulator(FISH, threads=2).simulate(PUBLISHED, SWIMS)
-    for swim, trial in zip(SWIMS, trials, strict=True):
-        assert trial.track.times[0] == 0.0
-        assert trial.track.duration == pytest.approx(swim.duration)
-        assert np.diff(trial.track.times).max() <= 0.01 + 1e-12
-        assert trial.nominal_frequency == swim.actuation.frequency
-        assert trial.divergence is None
-        assert np.isfinite(trial.track.positions).all()
-    assert trials.marker_names == FISH.marker_names
-    assert trials["from rest"].provenance == f"mujoco {mujoco.__version__}, fast step, from rest"
-    assert trials["slow"].provenance.startswith(f"mujoco {mujoco.__version__}, fast step, steady cycle after ")
-
-
 def test_the_cycle_is_what_a_swim_at_full_length_does(new_fluid_law):
     swims = [Swim("a", Actuation(1.0, 1.0, 0.1), 3.0), Swim("b", Actuation(1.6, 0.0, 0.1), 3.0)]
     short = Simulator(FISH, 2).simulate(PUBLISHED, swims)

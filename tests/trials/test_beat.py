@@ -108,10 +108,6 @@ def test_what_has_no_beat_is_refused(track, parts):
         assert part in str(caught.value)
 
 
-def test_little_more_than_a_cycle_is_enough():
-    assert beat_of(Swimmer(frequency=0.8, duration=1.6).track()).frequency == pytest.approx(0.8, abs=0.05)
-
-
 def test_the_published_tail_beats_at_three_quarters_of_the_command(tracks):
     for trial in tracks:
         beat = beat_of(trial.track, trial.name)

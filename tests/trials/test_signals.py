@@ -212,7 +212,7 @@ def test_a_time_as_it_is_shown_means_its_frame():
     ],
 )
 def test_a_stretch_outside_is_refused(begin, until, parts):
-    assert says(refusal(TrialError, Span(begin, until).of_trial, TRIAL), *parts)
+    assert says(refusal(TrialError, TRIAL.within, Span(begin, until)), *parts)
 
 
 @pytest.mark.parametrize(

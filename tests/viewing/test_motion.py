@@ -50,20 +50,12 @@ def test_outlines_have_the_markers():
     assert ((picture[..., 2] - picture[..., 0]) > 100).any()  # blue
 
 
+STIFF = snake().replace('kp="0.2"', 'kp="1e9"').replace('integrator="implicitfast"', 'integrator="Euler"')
+
+
 @pytest.mark.parametrize(
     ("model", "error", "says"),
-    [
-        (
-            "<mujoco><worldbody><body/></worldbody></mujoco",
-            RobotError,
-            r"can't read model .*made.xml': XML parse error",
-        ),
-        (
-            snake().replace('kp="0.2"', 'kp="1e9"').replace('integrator="implicitfast"', 'integrator="Euler"'),
-            EngineError,
-            "diverges .* no motion to show",
-        ),
-    ],
+    [("<mujoco><worldbody/></mujoco", RobotError, "made.xml': XML parse error"), (STIFF, EngineError, "diverges")],
 )
 def test_what_cant_be_shown_is_said(tmp_path, model, error, says):
     (tmp_path / "made.xml").write_text(model)
@@ -78,3 +70,6 @@ def test_a_rigid_motion_is_found():
     found, shift = _rigid(places, places @ turn + [1.0, -2.0])
     np.testing.assert_allclose(found, turn, atol=1e-12)
     np.testing.assert_allclose(shift, [1.0, -2.0], atol=1e-12)
+
+
+STIFF = snake().replace('kp="0.2"', 'kp="1e9"').replace('integrator="implicitfast"', 'integrator="Euler"')

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from markertrack.tracking.appearance import own_radii
 from markertrack.tracking.labeling import find_blobs
-from markertrack.tracking.opencv import dictionary_at
 from markertrack.tracking.patches import Patches
 from markertrack.tracking.spots import SpotFinder, Spots, streak_lengths
+from markertrack.tracking.tags import dictionary_at
 from markertrack.tracking.tracker import Array, Image, Mask, check_points
 from swimbase.errors import TrackingError
 

@@ -281,7 +281,7 @@ def quality(
     """
     if not 0 <= allow_lost <= 1:
         raise ArgumentError(f"--allow-lost is {allow_lost:g}; it is a share of frames within 0 and 1, such as 0.05")
-    from swim2real.pipeline import check_lost
+    from markertrack.quality import check_lost
     from swim2real.robots import load_robot
     from swim2real.trials import load_reference
     from swim2real.trials.timebase import described
@@ -309,7 +309,7 @@ def quality(
     if plot is not None:
         from swim2real.report import write_quality_page
 
-        checked = [(trial, check_lost(trial.track, body)) for trial in trials if trial.name in findings]
+        checked = [(trial, check_lost(trial.track, body.layout)) for trial in trials if trial.name in findings]
         write_quality_page(checked, body.marker_names, plot)
     return 0 if all(finding["usable"] for finding in findings.values()) and not refusals else 1
 
@@ -346,9 +346,7 @@ def _read_track(
 
     track, notes = read_poses(path, fps, robot.marker_names)
     track = span.of_track(track, str(path))
-    rigid = robot.rigid_markers
-    camera = camera_for(track, robot.rest_markers, robot.marker_heights, robot.marker_names, rigid, known)
-    return track, camera, notes
+    return track, camera_for(track, robot.layout, known), notes
 
 
 def _examined(reference: TrialSet, robot: Robot) -> tuple[Findings, dict[str, str]]:

@@ -19,10 +19,11 @@ from swimbase.errors import Swim2RealError
 from swimbase.escaping import visible
 
 if TYPE_CHECKING:
+    from markertrack.following import FrameProgress
     from swim2real.advisor import AdvisorEvent
     from swim2real.calibration import Progress
     from swim2real.comparison import ComparisonProgress, JobReport
-    from swim2real.pipeline import FrameProgress, TrackedVideo
+    from swim2real.pipeline import TrackedVideo
     from swim2real.rl.training import TrainingProgress
 
 _FILM_LINES = 5.0  # s between plain lines of a video

@@ -8,8 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
+from markertrack.following import FrameProgress
 from swim2real.calibration import Outcome, Progress
-from swim2real.pipeline import FrameProgress, TrackedVideo, calibrate, track_videos
+from swim2real.pipeline import TrackedVideo, calibrate, track_videos
 from swim2real.robots.fish import FISH
 from swim2real.settings import CalibrationSettings, TrackingSettings
 from swim2real.trials import TrialSet, load_reference

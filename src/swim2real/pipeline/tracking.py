@@ -1,4 +1,4 @@
-"""From one video to a trial in a reference folder: points, tracker, camera, cleaning, quality, overlay.
+"""From one video to a trial in a reference folder.
 
 Beside the trial's table, the folder `tracks` gets the track in pixels (a DeepLabCut table), an overlay video for a
 person to check it, a page on which doubtful stretches are corrected, and a report. The report is written last: with it
@@ -17,23 +17,13 @@ from tempfile import TemporaryFile
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import BaseModel
 
-from markertrack.camera import Camera, camera_for
-from markertrack.camera_file import CameraFile, read_camera
-from markertrack.cleaning import fill_gaps, smooth
-from markertrack.following import Film, FrameProgress, follow, within, write_review
-from markertrack.points import Anchor, load_anchors, load_points
-from markertrack.quality import LostMarkers, check_bodies, check_track
+from markertrack.camera_file import read_camera
+from markertrack.film import AUTO, HowToTrack, track_film
+from markertrack.following import FrameProgress, write_review
 from markertrack.span import WHOLE, Span
-from markertrack.track import MarkerTrack
-from markertrack.tracking.detection import DetectionTracker
-from markertrack.tracking.labeling import label_markers
-from markertrack.tracking.markers import MarkerTracker
-from markertrack.tracking.opencv import CsrtTracker, TagTracker
-from markertrack.tracking.tracker import Tracker
-from markertrack.video import Frame, VideoReader, film_files, film_name, film_title
+from markertrack.video import film_files, film_name, film_title
 from swim2real.calibration import versions
 from swim2real.objective.comparison import rounded
 from swim2real.robots.robot import Robot
@@ -48,10 +38,7 @@ from swimbase.errors import ArgumentError, TrackingError, TrialError
 from swimbase.names import composed
 from swimbase.store import read_json, write_json, writing
 
-Array = NDArray[np.float64]
-
 TRACKS = "tracks"
-AUTO = "auto"  # in place of a points file: the markers are found without a click
 _ENDS = 1 << 20  # bytes of a video's beginning and end that tell it from others
 
 
@@ -153,49 +140,29 @@ def track_video(
     """
     if frequency is not None and not 0 < frequency < np.inf:
         raise ArgumentError(f"frequency is {frequency:g} Hz; it must be finite and above 0")
-    source, out = Path(video), Path(folder)
+    source, out, names = Path(video), Path(folder), robot.marker_names
     title, name = film_title(source), composed(film_name(source))
     report_path = out / TRACKS / f"{name}.json"
-    with VideoReader(source, threads, fps) as reader:
-        info = reader.info
-        size = (info.width, info.height)
-        frames = within(reader, span)
-        first = next(frames)
-        begin = first.time
-        start = (
-            Anchor(first.index, _labeled(first, robot, settings), np.zeros(len(robot.marker_names), dtype=bool))
-            if points == AUTO
-            else load_points(points, robot.marker_names, *size, first.index)
-        )
-        anchors = load_anchors(corrections, robot.marker_names, *size, title) if corrections else ()
-        camera_file = None if settings.camera is None else read_camera(settings.camera)
-        commands, readings = (None if table is None else read_signals(table) for table in (controls, sensors))
-        tables = (settings.camera, controls, sensors, corrections)
-        fingerprint = _fingerprint(source, start, settings, robot, frequency, tables, span, fps)
-        before = _finished(report_path, fingerprint, out, name)
-        if before is not None:
-            return TrackedVideo(name, before, True)
-        check_folder(out, name, robot.marker_names)
-        # a film without a scale is refused before it is tracked
-        _camera(MarkerTrack([0.0, 1.0], np.stack([start.points] * 2)), robot, camera_file, size)
-        _make_folder(report_path.parent)
-        began = time.monotonic()
-        overlay = report_path.with_suffix(".mp4") if settings.overlay else None
-        names = robot.marker_names
-        bodies = robot.marker_bodies if robot.trials.swims is None else tuple(range(len(names)))
-        film = Film(name, source, span, names, bodies, threads, overlay, fps)
-        seen = follow(film, reader, first, frames, start, anchors, lambda: _tracker(settings, robot), on_progress)
-        notes = list(reader.notes)
+    inputs = (None if points == AUTO else Path(points), settings.camera, controls, sensors, corrections)
+    fingerprint = _fingerprint(source, inputs, settings, robot, frequency, span, fps)
+    before = _finished(report_path, fingerprint, out, name)
+    if before is not None:
+        return TrackedVideo(name, before, True)
+    check_folder(out, name, names)
+    camera = None if settings.camera is None else read_camera(settings.camera)
+    commands, readings = (None if table is None else read_signals(table) for table in (controls, sensors))
+    _check_writable(report_path.parent)
+    began = time.monotonic()
+    how = HowToTrack(
+        settings.tags if settings.tracker == "aruco" else None, camera, corrections, span, fps, settings.smooth,
+        report_path.with_suffix(".mp4") if settings.overlay else None, threads,
+    )  # fmt: skip
+    film = track_film(source, points, robot.layout, how, on_progress)
     seconds = time.monotonic() - began
-    pixels = fill_gaps(smooth(seen) if settings.smooth else seen)
-    camera = _camera(pixels, robot, camera_file, size)
-    track = camera.to_meters(pixels)
-    quality = check_lost(track, robot)
-    made = f"{size[0]}x{size[1]}, {info.codec}, {settings.tracker} tracker, swim2real {versions()['swim2real']}"
+    info, track, begin, scale = film.info, film.track, film.begin, film.camera.scale
+    made = f"{info.width}x{info.height}, {info.codec}, {settings.tracker} tracker, swim2real {versions()['swim2real']}"
     if not span.whole:
         end = begin + float(track.times[-1])
-        if span.until is not None and span.until - end > 2 / info.fps:
-            notes.append(f"the last frame is at {end:.3f} s, before --until, {span.until:g} s")
         commands = None if commands is None else commands.cut(begin, end, before=MEMORY)
         readings = None if readings is None else readings.cut(begin, end)
     origin = f"{f'frame at {begin:g} s' if begin else 'first frame'} of {title}"
@@ -205,34 +172,36 @@ def track_video(
         **by_stamps(TABLES, controls=commands, sensors=readings),
     }
     trial = Trial(
-        name, track, nominal_frequency(name) if frequency is None else frequency, camera.scale.meters_per_pixel,
+        name, track, nominal_frequency(name) if frequency is None else frequency, scale.meters_per_pixel,
         ", ".join(filter(None, (f"video {title}", span.words, made))),
         video=source, video_begin=begin, controls=commands, sensors=readings,
         timebases=clocks,
     )  # fmt: skip
+    report_path.parent.mkdir(parents=True, exist_ok=True)
     report_path.unlink(missing_ok=True)  # it is of the track that is replaced now
-    write_dlc(seen, robot.marker_names, report_path.with_suffix(".pixels.csv"))
+    write_dlc(film.seen, names, report_path.with_suffix(".pixels.csv"))
     page = report_path.with_suffix(".review.html")
     page.unlink(missing_ok=True)
     if settings.overlay:
         again = f"swim2real track … --corrections {name}.corrections.json"
         write_review(
-            source, seen, robot.marker_names, page, first.index, again, anchors=anchors, threads=threads, fps=fps
+            source, film.seen, names, page, film.first, again, anchors=film.corrections, threads=threads, fps=fps
         )
-    add_trial(out, trial, robot.marker_names)
+    add_trial(out, trial, names)
     report = TrackingReport.model_validate(
         rounded(
             {
-                "fingerprint": fingerprint, "trial": name, "video": title, "width": size[0], "height": size[1],
+                "fingerprint": fingerprint, "trial": name, "video": title, "width": info.width, "height": info.height,
                 "fps": info.fps, "rate_from": info.rate_from, "codec": info.codec, "mirrored": info.mirrored,
-                "rotation": info.rotation, "frames": seen.frame_count,
-                "tracker": settings.tracker, "points": start.points, "points_from": AUTO if points == AUTO else "file",
-                "meters_per_pixel": camera.scale.meters_per_pixel, "scale_spread": camera.scale.spread,
-                "scales": dict(camera.scale.estimates), "confidence": seen.confidence.mean(axis=0),
-                "lost_share": quality.lost_share, "filled_share": _filled_share(seen, pixels),
-                "usable": quality.usable,
+                "rotation": info.rotation, "frames": film.seen.frame_count,
+                "tracker": settings.tracker, "points": film.start.points,
+                "points_from": AUTO if points == AUTO else "file",
+                "meters_per_pixel": scale.meters_per_pixel, "scale_spread": scale.spread,
+                "scales": dict(scale.estimates), "confidence": film.seen.confidence.mean(axis=0),
+                "lost_share": film.quality.lost_share, "filled_share": film.filled_share,
+                "usable": film.quality.usable,
                 "findings": [
-                    *notes, *contradictions(trial), *camera.findings(), *quality.findings(robot.marker_names),
+                    *film.notes, *contradictions(trial), *film.camera.findings(), *film.quality.findings(names),
                 ],
                 "seconds": round(seconds, 2),
             }
@@ -242,67 +211,28 @@ def track_video(
     return TrackedVideo(name, report, False)
 
 
-def check_lost(track: MarkerTrack, robot: Robot) -> LostMarkers:
-    """Finds the lost markers of a real track: of a swimmer by its spacing, of other robots by their rigid bodies."""
-    if robot.trials.swims is not None:
-        return check_track(track, robot.rest_markers)
-    return check_bodies(track, robot.marker_bodies)
-
-
-def _tracker(settings: TrackingSettings, robot: Robot) -> Tracker:
-    """The tracker that is asked for; a straight swimmer and other robots are detected by what keeps their shape."""
-    if settings.tracker == "aruco":
-        return TagTracker(settings.tags)
-    if settings.tracker == "csrt":
-        return CsrtTracker()
-    return MarkerTracker(robot.marker_bodies, fixed=0) if robot.trials.swims is None else DetectionTracker()
-
-
-def _camera(pixels: MarkerTrack, robot: Robot, file: CameraFile | None, size: tuple[int, int]) -> Camera:
-    rigid = robot.rigid_markers
-    return camera_for(pixels, robot.rest_markers, robot.marker_heights, robot.marker_names, rigid, file, size)
-
-
-def _labeled(first: Frame, robot: Robot, settings: TrackingSettings) -> Array:
-    """Where the markers are in a first frame, found without a click [px]. Shape (M, 2)."""
-    if settings.tracker == "aruco":
-        return TagTracker(settings.tags).points(first.image, len(robot.marker_names))
-    if robot.trials.swims is None:
-        raise TrackingError(
-            f"the markers of robot '{robot.name}' can't be found by themselves: that takes a straight swimmer, and its "
-            f"trials are recordings; pick the points with `swim2real pick`"
-        )
-    return label_markers(first.image, robot.rest_markers, robot.marker_heights)
-
-
-def _filled_share(seen: MarkerTrack, pixels: MarkerTrack) -> Array:
-    """Share of frames that were filled, per marker. Shape (M,)."""
-    return (~np.isfinite(seen.positions[:, :, 0]) & np.isfinite(pixels.positions[:, :, 0])).mean(axis=0)
-
-
 def _fingerprint(
-    video: Path, start: Anchor, settings: TrackingSettings, robot: Robot, frequency: float | None,
-    tables: tuple[Path | None, ...], span: Span, fps: float | None,
+    video: Path, inputs: tuple[Path | None, ...], settings: TrackingSettings, robot: Robot, frequency: float | None,
+    span: Span, fps: float | None,
 ) -> str:  # fmt: skip
+    """A hash of all that a track depends on; empty where a file can't be read, which tracking then refuses."""
     digest = hashlib.sha256()
-    files = film_files(video)
-    for one in (files[0], files[-1]):
-        with one.open("rb") as file:
-            digest.update(file.read(_ENDS))
-            file.seek(max(one.stat().st_size - _ENDS, 0))
-            digest.update(file.read())
-    about = [
-        [(one.name, one.stat().st_size) for one in files[1:]], files[0].stat().st_size, fps, start.points.tolist(),
-        start.frame, settings.tracker, settings.smooth, settings.overlay, robot.name, frequency,
-        versions()["swim2real"],
-    ]  # fmt: skip
-    if settings.tracker == "aruco":
-        about.append(settings.tags)
-    if not span.whole:
-        about += [span.begin, span.until]
-    digest.update(json.dumps(about).encode())
-    for file in tables:
-        digest.update(b"\0" if file is None else file.read_bytes())
+    try:
+        files = film_files(video)
+        for one in (files[0], files[-1]):
+            with one.open("rb") as file:
+                digest.update(file.read(_ENDS))
+                file.seek(max(one.stat().st_size - _ENDS, 0))
+                digest.update(file.read())
+        about = [
+            [(one.name, one.stat().st_size) for one in files], fps, settings.tracker, settings.tags, settings.smooth,
+            settings.overlay, robot.name, frequency, versions()["swim2real"], span.begin, span.until,
+        ]  # fmt: skip
+        digest.update(json.dumps(about).encode())
+        for path in inputs:
+            digest.update(b"\0" if path is None else path.read_bytes())
+    except OSError:
+        return ""
     return digest.hexdigest()
 
 
@@ -316,8 +246,9 @@ def _finished(path: Path, fingerprint: str, folder: Path, name: str) -> Tracking
     return report if finished else None
 
 
-def _make_folder(folder: Path) -> None:
-    with writing(folder, TrackingError, "choose another with --to", what="folder"):
-        folder.mkdir(parents=True, exist_ok=True)
-        with TemporaryFile(dir=folder):  # without a name, so that an interruption leaves nothing
-            pass
+def _check_writable(folder: Path) -> None:
+    """Refuses a folder that can't be made or written; makes nothing."""
+    there = next(place for place in (folder, *folder.absolute().parents) if place.exists())
+    # the file has no name, so that an interruption leaves nothing
+    with writing(folder, TrackingError, "choose another with --to", what="folder"), TemporaryFile(dir=there):
+        pass

@@ -12,9 +12,10 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from markertrack.following import FrameProgress
 from markertrack.span import WHOLE, Span
 from markertrack.video import film_name
-from swim2real.pipeline.tracking import FrameProgress, TrackedVideo, track_video
+from swim2real.pipeline.tracking import TrackedVideo, track_video
 from swim2real.processes import ProcessDiedError, ProcessPool
 from swim2real.robots.robot import Robot
 from swim2real.settings import TrackingSettings

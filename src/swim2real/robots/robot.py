@@ -12,6 +12,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from markertrack.layout import Layout
 from swim2real.parameters import ParameterSpace, Values
 from swim2real.robots.drives import Drive
 from swim2real.robots.targets import Delay, Delays, Target
@@ -339,9 +340,10 @@ class Robot:
         return tuple(sensor.name for sensor in self.trials.sensors if kinds.get(sensor.name) in _PLACES)
 
     @property
-    def rigid_markers(self) -> tuple[int, ...]:
-        """Indices of the first marker and of those on its body, whose distances tell the scale of a video."""
-        return tuple(m for m, body in enumerate(self.marker_bodies) if body == self.marker_bodies[0])
+    def layout(self) -> Layout:
+        """The markers, as tracking knows them: those of a swimmer are a chain."""
+        chain = self.trials.swims is not None
+        return Layout(self.marker_names, self.rest_markers, self.marker_heights, self.marker_bodies, chain)
 
     def check_markers(self, what: str) -> None:
         """Refuses a robot that is recorded without a camera.

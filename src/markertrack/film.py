@@ -1,0 +1,162 @@
+"""From one film to a track in meters: points, tracker, cleaning, camera, quality."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from markertrack.camera import Camera, camera_for
+from markertrack.camera_file import CameraFile
+from markertrack.cleaning import fill_gaps, smooth
+from markertrack.following import Film, FrameProgress, follow, within
+from markertrack.layout import Layout
+from markertrack.points import Anchor, load_anchors, load_points
+from markertrack.quality import LostMarkers, check_lost
+from markertrack.span import WHOLE, Span
+from markertrack.track import MarkerTrack
+from markertrack.tracking.detection import DetectionTracker
+from markertrack.tracking.labeling import label_markers
+from markertrack.tracking.markers import MarkerTracker
+from markertrack.tracking.tags import TagTracker
+from markertrack.tracking.tracker import Tracker
+from markertrack.video import Frame, VideoInfo, VideoReader, film_name, film_title
+from swimbase.errors import TrackingError
+
+Array = NDArray[np.float64]
+
+AUTO = "auto"  # in place of a points file: the markers are found without a click
+
+
+@dataclass(frozen=True)
+class HowToTrack:
+    """What a person decides of a film's tracking.
+
+    Attributes:
+        tags: Dictionary of ArUco or AprilTag markers, as OpenCV names it; None for markers that are dots.
+        camera: Known lengths, height, plane or lens; None without a camera file.
+        corrections: Path of a file of corrections, or of the points of another frame.
+        span: Stretch of the film that is tracked, on the camera's clock.
+        fps: Frames per second that the camera took; None as the film states it.
+        smooth: Smooth the track over time.
+        overlay: Path of the overlay video to write; None for none.
+        threads: Number of threads that decode; 0 for as many as the machine has cores.
+    """
+
+    tags: str | None = None
+    camera: CameraFile | None = None
+    corrections: Path | None = None
+    span: Span = WHOLE
+    fps: float | None = None
+    smooth: bool = False
+    overlay: Path | None = None
+    threads: int = 0
+
+
+@dataclass(frozen=True)
+class TrackedFilm:
+    """What was found in a film.
+
+    Attributes:
+        info: What the film is.
+        begin: Time of the first tracked frame on the camera's clock [s].
+        first: Number of that frame in the film.
+        start: Places of all markers in one of the frames [px].
+        corrections: Those of a person.
+        seen: The track in pixels, where markers were seen.
+        pixels: The same, smoothed where that was asked for, with short gaps filled.
+        camera: The camera that took it.
+        track: The track in meters, its time 0 at the first frame.
+        quality: Which markers are lost in it.
+        notes: Sentences on what is unusual about the film.
+    """
+
+    info: VideoInfo
+    begin: float
+    first: int
+    start: Anchor
+    corrections: tuple[Anchor, ...]
+    seen: MarkerTrack
+    pixels: MarkerTrack
+    camera: Camera
+    track: MarkerTrack
+    quality: LostMarkers
+    notes: tuple[str, ...]
+
+    @property
+    def filled_share(self) -> Array:
+        """Share of frames in which each marker was filled in. Shape (M,)."""
+        filled = ~np.isfinite(self.seen.positions[:, :, 0]) & np.isfinite(self.pixels.positions[:, :, 0])
+        return filled.mean(axis=0)
+
+
+def track_film(
+    video: str | Path, points: str | Path, layout: Layout, how: HowToTrack | None = None,
+    on_progress: Callable[[FrameProgress], None] = lambda progress: None,
+) -> TrackedFilm:  # fmt: skip
+    """Tracks the markers of one body in a film.
+
+    Args:
+        video: Path of the film, of a folder of pictures, or a pattern of their names such as `frame_%04d.png`.
+        points: Path of the points file with the markers in one of the frames; "auto" finds them in the first one
+            without a click, which is refused where it isn't sure.
+        layout: The markers.
+        how: What a person decides.
+        on_progress: Called after every frame.
+
+    Raises:
+        Swim2RealError: The film, a file or an argument can't be used; the message names it.
+    """
+    how, source = how or HowToTrack(), Path(video)
+    with VideoReader(source, how.threads, how.fps) as reader:
+        info = reader.info
+        size = (info.width, info.height)
+        frames = within(reader, how.span)
+        first = next(frames)
+        start = (
+            Anchor(first.index, _labeled(first, layout, how.tags), np.zeros(len(layout.names), dtype=bool))
+            if points == AUTO
+            else load_points(points, layout.names, *size, first.index)
+        )
+        title = film_title(source)
+        anchors = load_anchors(how.corrections, layout.names, *size, title) if how.corrections else ()
+        # a film without a scale is refused before it is tracked
+        camera_for(MarkerTrack([0.0, 1.0], np.stack([start.points] * 2)), layout, how.camera, size)
+        bodies = tuple(range(len(layout.names))) if layout.chain else layout.bodies
+        film = Film(film_name(source), source, how.span, layout.names, bodies, how.threads, how.overlay, how.fps)
+        if how.overlay is not None:
+            how.overlay.parent.mkdir(parents=True, exist_ok=True)
+        seen = follow(film, reader, first, frames, start, anchors, lambda: _tracker(layout, how.tags), on_progress)
+        notes = list(reader.notes)
+    pixels = fill_gaps(smooth(seen) if how.smooth else seen)
+    camera = camera_for(pixels, layout, how.camera, size)
+    track = camera.to_meters(pixels)
+    end = first.time + float(track.times[-1])
+    if how.span.until is not None and how.span.until - end > 2 / info.fps:
+        notes.append(f"the last frame is at {end:.3f} s, before --until, {how.span.until:g} s")
+    return TrackedFilm(
+        info, first.time, first.index, start, tuple(anchors), seen, pixels, camera, track, check_lost(track, layout),
+        tuple(notes),
+    )  # fmt: skip
+
+
+def _tracker(layout: Layout, tags: str | None) -> Tracker:
+    """The tracker of a layout; a chain and other bodies are detected by what keeps their shape."""
+    if tags is not None:
+        return TagTracker(tags)
+    return DetectionTracker() if layout.chain else MarkerTracker(layout.bodies, fixed=0)
+
+
+def _labeled(first: Frame, layout: Layout, tags: str | None) -> Array:
+    """Places of the markers in a first frame, found without a click [px]. Shape (M, 2)."""
+    if tags is not None:
+        return TagTracker(tags).points(first.image, len(layout.names))
+    if not layout.chain:
+        raise TrackingError(
+            "the markers of this robot can't be found by themselves: that takes a straight swimmer, and its trials are "
+            "recordings; pick the points with `swim2real pick`"
+        )
+    return label_markers(first.image, layout.rest, layout.heights)

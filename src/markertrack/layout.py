@@ -1,0 +1,57 @@
+"""The markers on a body, as far as tracking knows it: names, places at rest, and which keep their distances."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swimbase.errors import TrackingError
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Layout:
+    """M markers on a body.
+
+    Attributes:
+        names: Names of the markers; of a chain head first.
+        rest: Positions at rest in the plane of the camera [m]. Shape (M, 2).
+        heights: Heights toward the camera, which sees higher ones nearer [m]. Shape (M,).
+        bodies: Number of the rigid body that carries each marker: markers of one body keep their distances.
+        chain: Whether the markers stand in a row along a flexible body, the first two on its head.
+    """
+
+    names: tuple[str, ...]
+    rest: Array
+    heights: Array
+    bodies: tuple[int, ...]
+    chain: bool = False
+
+    def __post_init__(self) -> None:
+        count = len(self.names)
+        if not count == len(self.rest) == len(self.heights) == len(self.bodies):
+            raise TrackingError(
+                f"the layout has {count} names, {len(self.rest)} places at rest, {len(self.heights)} heights and "
+                f"{len(self.bodies)} bodies; each marker needs one of each"
+            )
+
+    @classmethod
+    def of(cls, names: Sequence[str], rest: object = None) -> Layout:
+        """Markers of which nothing but names, and places at rest, is known: each is on a body of its own.
+
+        Args:
+            names: Names of the markers.
+            rest: Positions at rest [m], shape (M, 2); all 0 where they aren't known.
+        """
+        count = len(names)
+        places = np.zeros((count, 2)) if rest is None else np.asarray(rest, dtype=np.float64)
+        return cls(tuple(names), places, np.zeros(count), tuple(range(count)))
+
+    @property
+    def rigid(self) -> tuple[int, ...]:
+        """Indices of the first marker and of those on its body, whose distances tell the scale of a film."""
+        return tuple(m for m, body in enumerate(self.bodies) if body == self.bodies[0])
