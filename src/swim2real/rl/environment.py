@@ -239,7 +239,7 @@ class Environments:
             rng.bit_generator.state = state
 
     @property
-    def interface(self) -> dict[str, object]:
+    def interface(self) -> dict[str, Any]:
         """What a policy is made for: where in an observation each part is, and the actuators that it commands."""
         places = {part: [where.start, where.stop] for part, where in self.names.items()}
         return {"observation": places, "actions": list(self.bodies.actuators.names)}

@@ -304,7 +304,7 @@ class Trainer:
         self.recent.append(line)
         self.episodes += 1
 
-    def _evaluate(self) -> dict[str, object]:
+    def _evaluate(self) -> Mapping[str, object]:
         """Runs without exploration, from starts of its own, and keeps the policy if it is the best so far."""
         begun = time.perf_counter()
         environments, stage = self._evaluation, self.curriculum.stage

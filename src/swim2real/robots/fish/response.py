@@ -177,7 +177,7 @@ def _processes(content: Mapping[str, NDArray[Any]]) -> dict[str, PosteriorMean]:
 
 def read_response(content: Mapping[str, NDArray[Any]]) -> FishResponse:
     """The response of an array file, as `experiments/fish_response/fit.py` writes it."""
-    tables: dict[str, NDArray[Any]] = {name: content[name].astype(float) for name in TABLES}
+    tables: dict[str, Any] = {name: content[name].astype(float) for name in TABLES}
     return FishResponse(**_processes(content), **tables)
 
 
