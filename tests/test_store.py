@@ -112,6 +112,16 @@ def test_a_reason_that_isnt_a_full_disk_says_nothing_of_room(tmp_path):
     assert store.reason(OSError("odd")) == "odd"
 
 
+def test_a_file_that_cant_be_written_is_a_sentence(tmp_path):
+    place = tmp_path / "gone" / "a.json"
+    with pytest.raises(RunError) as said, store.writing(place, RunError, "make the folder first", what="table"):
+        store.write_json(place, {})
+    assert str(said.value) == f"can't write table '{place}': No such file or directory; make the folder first"
+    with pytest.raises(RunError) as said, store.writing(tmp_path, RunError):
+        store.write_json(place, {})
+    assert str(said.value) == f"can't write '{place}': No such file or directory"
+
+
 def test_what_a_killed_process_left_is_removed_by_the_next_that_has_the_run(tmp_path):
     left = ["settings.json.part", "trials.npz.part", "best.json.part", "advisor/call_0001.json.part"]
     others = ["report.html.part", "holiday.mp4.part", "advisor/call_0001.json"]  # of a report, of others, whole

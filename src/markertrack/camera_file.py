@@ -28,7 +28,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validat
 
 from swimbase.checking import Number, Positive, read
 from swimbase.errors import ArgumentError, TrackingError
-from swimbase.store import write_json
+from swimbase.store import write_json, writing
 
 Array = NDArray[np.float64]
 
@@ -169,10 +169,8 @@ def write_camera(path: str | Path, camera: CameraFile) -> None:
         content["lens"] = {
             "camera_matrix": camera.lens.camera_matrix.tolist(), "distortion": camera.lens.distortion.tolist(),
         }  # fmt: skip
-    try:
+    with writing(path, TrackingError, what="camera file"):
         write_json(path, content)
-    except OSError as error:
-        raise TrackingError(f"can't write camera file '{path}': {error.strerror or error}") from error
 
 
 Sane = Annotated[Number, Field(ge=-1e9, le=1e9)]

@@ -27,7 +27,7 @@ from markertrack.track import MarkerTrack
 from markertrack.tracking.tracker import Array, Image, Mask
 from swimbase.errors import ArgumentError, TrackingError
 from swimbase.escaping import script_source, visible
-from swimbase.store import write_text
+from swimbase.store import write_text, writing
 
 EXPECTED, DOUBTED, SURE = 0, 1, 2  # what a mark says of its marker
 MARGIN = 1.1  # times the usual spacing of markers, around the markers of a stretch: their neighbors are seen as well
@@ -241,10 +241,8 @@ def _write_page(
         "DATA": json.dumps(data, allow_nan=False).replace("<", "\\u003c"), **more,
     }  # fmt: skip
     place = Path(path)
-    try:
+    with writing(place, TrackingError, remedy):
         write_text(place, re.sub("@@([A-Z]+)@@", lambda match: parts[match.group(1)], text))
-    except OSError as error:
-        raise TrackingError(f"can't write '{place}': {error.strerror or error}; {remedy}") from error
     return place
 
 

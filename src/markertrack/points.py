@@ -22,7 +22,7 @@ from swimbase.checking import Number, did_you_mean, read
 from swimbase.errors import TrackingError
 from swimbase.escaping import visible
 from swimbase.names import composed, quoted
-from swimbase.store import write_json
+from swimbase.store import write_json, writing
 
 _Pair = Annotated[list[Number], Field(min_length=2, max_length=2)]
 _FrameNumber = Annotated[int, Field(ge=0, strict=True)]
@@ -235,12 +235,8 @@ def save_points(path: str | Path, points: Array, names: Sequence[str], video: st
     _Checked(f"points '{path}'", names, width, height, _PICK_AGAIN).check_places(np.asarray(points, dtype=float))
     markers = {name: [round(x, 3), round(y, 3)] for name, (x, y) in zip(names, points.tolist(), strict=True)}
     content = {"format": 1, "video": video, "width": width, "height": height, "frame": 0, "markers": markers}
-    try:
+    with writing(path, TrackingError, "make room or allow writing there", what="points"):
         write_json(path, content)
-    except OSError as error:
-        raise TrackingError(
-            f"can't write points '{path}': {error.strerror or error}; make room or allow writing there"
-        ) from error
 
 
 def _shown(video: str) -> str:

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from motorline.control_table import XW540
 from swimbase.errors import ArgumentError
-from swimbase.store import MOST_ROWS, MOST_TABLE, read_text, write_text
+from swimbase.store import MOST_ROWS, MOST_TABLE, read_text, write_text, writing
 
 RATE = 50  # Hz
 TIME = "time_s"
@@ -250,10 +250,8 @@ def write_table(path: str | Path, table: CommandTable) -> None:
     """
     lines = [",".join((TIME, *table.columns))]
     lines += [",".join((f"{k / RATE:.2f}", *map(repr, row))) for k, row in enumerate(table.rows)]
-    try:
+    with writing(path, ArgumentError, what="command table"):
         write_text(path, "\n".join(lines) + "\n")
-    except OSError as error:
-        raise ArgumentError(f"command table '{path}' can't be written: {error.strerror or error}") from error
 
 
 def _bounds(name: str, limits: MotorLimits) -> tuple[float, float, float]:

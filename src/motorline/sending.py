@@ -14,6 +14,7 @@ from motorline.motors import Motors, Reading
 from motorline.motors_file import MotorSettings
 from motorline.schedule import Punctuality, Schedule
 from swimbase.errors import ArgumentError
+from swimbase.store import writing
 
 _READ = ("read_s", "velocity_rad_s", "position_rad", "voltage_v", "temperature_c")
 _MOST_UNANSWERED = 10  # exchanges in a row without an answer before sending ends; the watchdog is as quick
@@ -186,10 +187,8 @@ def open_log(path: Path, motors: Sequence[MotorSettings]) -> TextIO:
     Raises:
         ArgumentError: The file can't be written.
     """
-    try:
+    with writing(path, ArgumentError, what="log"):
         file = path.open("w", buffering=1, encoding="utf-8")
-    except OSError as error:
-        raise ArgumentError(f"log '{path}' can't be written: {error.strerror or error}") from error
     columns = [motor.column for motor in motors]
     commands = [f"command_{column}" for column in (["rad_s"] if columns == [FISH] else columns)]
     asked = ["answered"] if len(motors) == 1 else ["motor", "answered"]

@@ -14,15 +14,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal, get_args
 
+from swim2real.methods import ADVISED, METHODS, MethodName
 from swimbase.errors import ArgumentError
 from swimbase.names import quoted
 
-Method = Literal[
-    "line-search", "proposal-search", "random", "cma-es", "bayesopt", "least-squares", "multi-start", "mujoco-sysid",
-    "staged",
-]  # fmt: skip
-METHODS: tuple[Method, ...] = get_args(Method)
-ADVISED: tuple[Method, ...] = ("line-search", "proposal-search")
 ProtocolName = Literal["motion", "aligned", "paper", "playback"]
 Start = Literal["speed", "rest"]
 FIRST = ("auto", "model", "random")  # or a parameters file
@@ -152,11 +147,7 @@ class CalibrationSettings(EvaluationSettings):
     finished with multi-start from where it stands.
 
     Attributes:
-        method: multi-start: least squares from several starts, first on the shape of the motion; the default without
-            --budget and --advisor. line-search: an advisor's proposals with backtracking; the default with one of them.
-            proposal-search: the advisor is asked again after each step that fails, and may name steps and alternatives.
-            cma-es: pycma. bayesopt: scikit-optimize. least-squares: Levenberg-Marquardt with finite differences.
-            mujoco-sysid: the least squares of MuJoCo's own toolbox. staged: the prior work's manual stages.
+        method: An entry of `swim2real.methods`.
         advisor: What proposes parameters. physics: built in, no key. google:MODEL, openai:MODEL, anthropic:MODEL: a
             VLM, key from GOOGLE_API_KEY, OPENAI_API_KEY or ANTHROPIC_API_KEY. files: you, or any chat window.
             replay:RUN: an earlier run's replies, without a network; settings that aren't given are that run's.
@@ -180,7 +171,7 @@ class CalibrationSettings(EvaluationSettings):
         hold_out: Trials to leave out of the fit and to evaluate at the end.
     """
 
-    method: Method | None = None
+    method: MethodName | None = None
     advisor: str = PHYSICS
     budget: int | None = None
     minutes: float | None = None
@@ -234,7 +225,7 @@ class CalibrationSettings(EvaluationSettings):
             raise ArgumentError(f"probes is for {' and '.join(ADVISED)}, which have an advisor, not {self.method}")
 
     @property
-    def chosen_method(self) -> Method:
+    def chosen_method(self) -> MethodName:
         """The method, chosen by the budget and the advisor where none is given."""
         return self.method or "multi-start"
 
@@ -256,10 +247,9 @@ class ComparisonSettings:
     """Which methods are compared, and under which conditions.
 
     Attributes:
-        methods: random, cma-es, bayesopt, least-squares, multi-start, mujoco-sysid, staged, line-search (with the
-            physics advisor), no-line-search (its ablation); line-search@ADVISOR and no-line-search@ADVISOR for other
-            advisors, as in line-search@google:MODEL or line-search@replay:RUN. By default all except multi-start and
-            mujoco-sysid, and except staged for a robot without stages.
+        methods: Entries of `swim2real.methods`, or no-line-search, the ablation of line-search. An advisor other than
+            physics stands behind an @, as in line-search@google:MODEL or line-search@replay:RUN. By default all but
+            those that are not `by_default`, and `staged` for a robot without stages.
         seeds: Numbers, and ranges without their end: 0:5 is 0 1 2 3 4.
         budget: Simulation evaluations per run, the first included.
         protocols: As for calibrate; by default the one that calibrate takes.
@@ -457,6 +447,16 @@ class EnsembleSettings:
             raise ArgumentError(f"within is {self.within:g}; it is a multiple of the lowest loss, above 1 and up to 10")
         if self.count < 2:
             raise ArgumentError(f"count is {self.count}; an ensemble has at least 2 members")
+
+
+# the help of the command line lists the entries
+for _settings, _said, _listed in (
+    (CalibrationSettings, "An entry of `swim2real.methods`.", " ".join(f"{m}: {METHODS[m].help}." for m in METHODS)),
+    (ComparisonSettings, "Entries of `swim2real.methods`", ", ".join(METHODS)),
+    (ComparisonSettings, "those that are not `by_default`", ", ".join(m for m in METHODS if not METHODS[m].by_default)),
+    (ComparisonSettings, "`staged`", " and ".join(m for m in METHODS if METHODS[m].staged)),
+):
+    _settings.__doc__ = str(_settings.__doc__).replace(_said, _listed)
 
 
 def check_advisor(name: str) -> None:

@@ -133,7 +133,7 @@ def read(model: type[Model], path: str | Path, what: str, error: type[Swim2RealE
 def explained(detail: ErrorDetails) -> str:
     """One finding of pydantic in words: the key, its value, what is allowed."""
     kind, context = detail["type"], detail.get("ctx", {})
-    place = key_path(detail["loc"])
+    place = _key_path(detail["loc"])
     if kind == "missing":
         return f"'{place}' is missing; it must be given"
     if kind in ("extra_forbidden", "unexpected_keyword_argument"):
@@ -145,7 +145,7 @@ def explained(detail: ErrorDetails) -> str:
     return f"'{place}' is {value}; {_allowed(kind, context, detail['msg'])}" if place else f"{value}: {detail['msg']}"
 
 
-def key_path(location: Sequence[str | int]) -> str:
+def _key_path(location: Sequence[str | int]) -> str:
     """Where something stands in nested tables and lists, such as `markers.M0[1]`.
 
     Names in angle brackets are left out: tags that tell the members of a union apart.

@@ -2,7 +2,7 @@
 
 A reader never sees half of a file, and a process that is killed at any moment leaves the old content or the new one.
 Every function raises the `OSError` of the system with the file's name; those who know what the file is for turn it into
-a sentence, for which `reason` says what the system said. Files may come from anywhere: one that is too large, or no
+a sentence with `writing`. Files may come from anywhere: one that is too large, or no
 file but a device or a pipe, is refused before it is read.
 
 A motor's computer writes files as well, without NumPy and filelock: these are imported by the functions that need them.
@@ -20,8 +20,13 @@ from collections.abc import Generator, Iterable, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
-from typing import Any, cast
+from typing import TYPE_CHECKING, Any, cast
 from zipfile import ZipFile
+
+from swimbase.errors import Swim2RealError
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
 
 MOST_ARRAYS = 1 << 29  # bytes of arrays in a file that isn't expected to have more
 PART = ".part"  # suffix of a file that is still being written
@@ -155,6 +160,31 @@ def reason(error: OSError, file: str | Path | None = None) -> str:
     return f"{text} ({size} free in '{there}'; make room)"
 
 
+@contextmanager
+def writing(
+    path: str | Path, error: type[Swim2RealError], remedy: str = "", *, what: str = "", busy: str = ""
+) -> Generator[None]:
+    """Turns what the system says of a disk into a sentence: can't write 'FILE': REASON; REMEDY.
+
+    Args:
+        path: The file or folder that is written.
+        error: Type of the error that is raised.
+        remedy: What to do, without a full stop.
+        what: What stands at the path, such as "run folder"; without it, the sentence names the very file that failed.
+        busy: Sentence for a folder that another process has `locked`.
+
+    Raises:
+        Swim2RealError: Something can't be written; the error has the type `error`.
+    """
+    try:
+        yield
+    except OSError as failure:
+        if busy and isinstance(failure, BlockingIOError):
+            raise error(busy) from None
+        named = f"{what} '{path}'" if what else f"'{failure.filename or path}'"
+        raise error(f"can't write {named}: {reason(failure, path)}{remedy and f'; {remedy}'}") from failure
+
+
 def write_text(path: str | Path, text: str) -> None:
     """Writes a text file in UTF-8, whole or not at all."""
     with whole_file(path) as part:
@@ -283,7 +313,7 @@ def from_toml(content: bytes) -> dict[str, Any]:
 
 def _check_values(content: Any) -> None:
     if isinstance(content, dict):
-        for key, value in cast("dict[str, Any]", content).items():
+        for key, value in cast("dict[str, object]", content).items():
             _check_values(key)
             _check_values(value)
     elif isinstance(content, list):
@@ -322,7 +352,7 @@ def _place_of_constant(content: Any) -> str:
 
 def _holds_constant(entry: Any) -> bool:
     if isinstance(entry, dict | list):
-        values = cast("dict[str, Any]", entry).values() if isinstance(entry, dict) else cast("list[Any]", entry)
+        values = cast("dict[str, object]", entry).values() if isinstance(entry, dict) else cast("list[Any]", entry)
         return any(map(_holds_constant, values))
     return isinstance(entry, float) and not math.isfinite(entry)
 
@@ -353,7 +383,7 @@ def _whole(digits: str) -> int:
     return int(digits)
 
 
-def read_arrays(path: str | Path, most: int = MOST_ARRAYS) -> dict[str, Any]:
+def read_arrays(path: str | Path, most: int = MOST_ARRAYS) -> dict[str, NDArray[Any]]:
     """The arrays of an .npz file, by name. Pickles in it are refused, not loaded.
 
     Args:

@@ -37,7 +37,7 @@ def test_a_perfect_fit_that_swims_backward_from_rest_is_told(simulator, new_flui
         assert trial["velocity_simulated"] > 0.1
         assert begun["speed"] < -0.1
         assert begun["divergence"] is None
-    assert backward_from_rest(outcome["from_rest"]) == (
+    assert backward_from_rest(RunFolder(tmp_path).outcome().from_rest) == (
         "unusable: from rest, where a policy and the robot begin, this fit swims tail first at 1.30, 1.70 Hz; "
         "train no policy in it, calibrate with --protocol motion or another seed"
     )
@@ -78,7 +78,7 @@ def test_a_fit_that_swims_forward_has_its_steady_speed_from_rest(problem, refere
     outcome = conclude(RunFolder(tmp_path), problem, None, small_run.HIDDEN).to_json()
     for name, trial in outcome["fit"]["trials"].items():
         assert outcome["from_rest"][name]["speed"] == pytest.approx(trial["velocity_simulated"], rel=0.05)
-    assert backward_from_rest(outcome["from_rest"]) is None
+    assert backward_from_rest(RunFolder(tmp_path).outcome().from_rest) is None
     again = conclude(RunFolder(tmp_path), small_run.make_problem(reference, threads=1), None, small_run.HIDDEN)
     again = again.to_json()
     assert again["from_rest"] == outcome["from_rest"]

@@ -167,7 +167,7 @@ def test_json(program, table, motors):
         ([0.0, 8.0], ["--dry-run"], 2, "the command at 0.02 s is 8 rad/s; the limits are -7.29 to 7.29 rad/s"),
         ([3.0, 2.0], ["--dry-run", "--max-speed", "2.5"], 2, "at 0.00 s is 3 rad/s; the limits are -2.5 to 2.5 rad/s"),
         ([0.0], ["--port", "/dev/none"], 1, "serial port /dev/none can't be opened (No such file or directory)"),
-        ([0.0], ["--port", "x", "--log", "/none/log.csv"], 2, "log '/none/log.csv' can't be written: No such file"),
+        ([0.0], ["--port", "x", "--log", "/none/log.csv"], 2, "can't write log '/none/log.csv': No such file"),
         ([0.0], ["--dry-run", "--log", "log.csv"], 2, "--log is log.csv, and a dry run sends nothing to log"),
         (
             [7.8] * 9,

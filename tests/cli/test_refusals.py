@@ -72,7 +72,7 @@ REFUSALS = [
     ("simulate far.json --frequency 1 --out f.npz", 2, "'motor_arm_length' in 'far.json' is 0.2", "allowed is 0.01 to"),
     ("simulate published --frequency 1 -1 --out f.npz", 2, "frequency is -1", "finite and above 0"),
     ("simulate published --frequency 1.5 --seconds 0.1 --from-rest --out gone/f.npz", 2,
-     "--out 'gone/f.npz' can't be written", "No such file"),
+     "can't write --out 'gone/f.npz'", "No such file"),
     # references and reports
     ("quality gone", 1, "reference 'gone' is not there"),
     ("quality empty", 1, "holds neither reference.json nor any .csv"),
@@ -82,7 +82,6 @@ REFUSALS = [
     ("report", 2, "no run was given", "give the folder of a run"),
     ("report empty", 1, "'empty' is no run folder", "settings.json"),
     ("report policy", 1, "'policy' is a training run, not a calibration", "`swim2real rollout`"),
-    ("report empty --out page.html", 2, "--out 'page.html'", "several runs"),
     # overlay, view
     ("overlay published --reference {POOL} --out new --width 481", 2, "width is 481 px", "even and at least 320"),
     ("overlay published --reference {POOL} --out new --fps 0", 2, "fps is 0.0", "finite and above 0"),
@@ -94,7 +93,7 @@ REFUSALS = [
     # init, check
     ("init model.xml --out robot.xml", 2, "--out is 'robot.xml'", ".toml"),
     ("init gone.xml", 2, "model 'gone.xml' is not there", "MJCF"),
-    ("init model.xml --out gone/robot.toml", 2, "robot file 'gone/robot.toml' can't be written", "No such file"),
+    ("init model.xml --out gone/robot.toml", 2, "can't write robot file 'gone/robot.toml'", "No such file"),
     ("init unmarked.xml", 2, "MuJoCo can't read model 'unmarked.xml'"),
     ("check finch", 2, "there is no robot 'finch'", "fish, fish-extended", "(.toml)"),
     ("check gone.toml", 2, "robot file 'gone.toml' is not there", "`swim2real init MODEL.xml`"),

@@ -9,8 +9,9 @@ import pytest
 from recorded import PENDULUM, pendulum_reference
 from swim2real.comparison import Plan, default_methods, make_plan, method_variant, read_plan
 from swim2real.comparison.plan import NAMES, folder_name
+from swim2real.methods import METHODS
 from swim2real.robots.fish import FISH
-from swim2real.settings import METHODS, BriefingSettings, ComparisonSettings
+from swim2real.settings import BriefingSettings, ComparisonSettings
 from swim2real.simulation import Engine
 from swimbase.errors import ArgumentError, RunError
 

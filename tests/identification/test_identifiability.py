@@ -63,24 +63,24 @@ def studied(run_path, reference, tmp_path_factory):
 
 def test_a_lower_loss_than_the_runs_is_taken_over_as_a_parameters_file(studied):
     found, told, folder = studied
-    assert found["lowest"]["loss"] < 0.9 * found["start"]["loss"]
-    assert (told[-1].evaluations, told[-1].lowest) == (found["evaluations"], found["lowest"]["loss"])
+    assert found.lowest.loss < 0.9 * found.start.loss
+    assert (told[-1].evaluations, told[-1].lowest) == (found.evaluations, found.lowest.loss)
     kept = read_parameters(folder / IDENTIFIED, "toy", toy.SPACE)
-    assert kept.values == toy.SPACE.to_values(found["lowest"]["point"])
+    assert kept.values == toy.SPACE.to_values(found.lowest.point)
     assert kept.values["mass"] == pytest.approx(toy.HIDDEN["mass"], rel=0.05)
     assert sorted(path.name for path in folder.glob("identif*")) == [IDENTIFIABILITY, IDENTIFIED]
 
 
 def test_intervals_hold_the_truth_and_are_narrow_where_the_trials_tell(studied):
-    found = studied[0]["intervals"]
+    found = studied[0].intervals
     for name, hidden in toy.HIDDEN.items():
-        low, high = found[name]["interval_95"]
+        low, high = found[name].interval_95
         assert low < hidden < high
-        inner = found[name]["interval_50"]
-        assert low < inner[0] < found[name]["median"] < inner[1] < high
-    assert [found[name]["verdict"] for name in NAMES] == ["weak", *["not identified"] * 3]
-    assert found["mass"]["width"] < 0.1
-    assert "followed 0 of its starts" in studied[0]["doubt"]
+        inner = found[name].interval_50
+        assert low < inner[0] < found[name].median < inner[1] < high
+    assert [found[name].verdict for name in NAMES] == ["weak", *["not identified"] * 3]
+    assert found["mass"].width < 0.1
+    assert "followed 0 of its starts" in studied[0].doubt
 
 
 @pytest.mark.slow
@@ -93,7 +93,7 @@ def test_a_parameter_is_identified_only_by_several_descents_to_one_minimum_at_th
     def study(lines):
         (folder.path / "record.jsonl").write_text("".join(lines), encoding="utf-8")
         found = identify(reopen(folder.path, reference, toy.ROBOT, 2), QUICK, again=True)
-        return found["intervals"]["mass"]["verdict"], found["doubt"]
+        return found.intervals["mass"].verdict, found.doubt
 
     assert study(whole) == ("identified", "")
     verdict, doubt = study(whole[: ended + 1])
@@ -112,14 +112,14 @@ def test_far_above_the_noise_or_where_descents_end_apart_nothing_is_identified()
 
 def test_of_two_that_make_up_for_one_another_the_sum_is_determined(studied):
     found = studied[0]
-    draws = np.array(found["draws"])
+    draws = np.array(found.draws)
     damping = [sum(toy.SPACE.to_values(point)[name] for name in ("damping_a", "damping_b")) for point in draws]
     assert np.std(damping) < 0.1 * toy.HIDDEN["damping_a"]
     assert np.mean(damping) == pytest.approx(toy.HIDDEN["damping_a"] + toy.HIDDEN["damping_b"], rel=0.05)
-    pair = found["directions"][1]  # the best determined one is the mass
-    assert pair["parameters"]["damping_a"] * pair["parameters"]["damping_b"] > 0
-    assert pair["spread"] < 0.3
-    assert 1.5 < found["determined"] < 2.5
+    pair = found.directions[1]  # the best determined one is the mass
+    assert pair.parameters["damping_a"] * pair.parameters["damping_b"] > 0
+    assert pair.spread < 0.3
+    assert 1.5 < found.determined < 2.5
 
 
 @pytest.mark.slow
@@ -201,7 +201,7 @@ def test_a_study_that_is_cut_within_a_batch_keeps_it_and_tells_what_is_known(run
 def test_a_finished_study_is_read_and_not_made_again(studied, reference):
     told = []
     again = identify(reopen(studied[2], reference, toy.ROBOT, 2), SETTINGS, on_progress=told.append)
-    assert again == studied[0] == read_study(studied[2] / IDENTIFIABILITY).model_dump(mode="json")
+    assert again == studied[0] == read_study(studied[2] / IDENTIFIABILITY)
     assert not told
 
 
@@ -263,11 +263,11 @@ def test_directions_name_what_holds_most_of_them():
     rng = np.random.default_rng(0)
     both, alone = rng.uniform(size=(2, 4000))
     found = directions(np.column_stack([both, 1 - both + 0.01 * alone, alone]), ("one", "other", "third"))
-    assert set(found[0]["parameters"]) == {"one", "other"}
-    assert found[0]["parameters"]["one"] == pytest.approx(found[0]["parameters"]["other"], rel=0.05)
-    assert found[0]["spread"] < 0.02
-    assert found[1]["parameters"].keys() == {"third"}
-    assert found[1]["spread"] == pytest.approx(1.0, rel=0.05)
+    assert set(found[0].parameters) == {"one", "other"}
+    assert found[0].parameters["one"] == pytest.approx(found[0].parameters["other"], rel=0.05)
+    assert found[0].spread < 0.02
+    assert found[1].parameters.keys() == {"third"}
+    assert found[1].spread == pytest.approx(1.0, rel=0.05)
 
 
 def test_numbers_that_hang_together_count_as_few():

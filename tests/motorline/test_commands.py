@@ -103,7 +103,7 @@ ANGLES = {"a_rad": MotorLimits(2.0, 50.0, -1.0, 1.5)}
         ),
         (lambda: of({"a_rad": [0.0]}).approached({"a_rad": 1.0}, 1e-9), "5e+10 commands; at most 1000000 are made"),
         (lambda: of({"a_rad": [0.0]}).approached({"a_rad": 1.0}, 0.0), "the speed of the approach is 0"),
-        (lambda: write_table("/none/c.csv", fish([0.0])), "can't be written: No such file"),
+        (lambda: write_table("/none/c.csv", fish([0.0])), "can't write command table '/none/c.csv': No such file"),
     ],
 )
 def test_what_is_refused(wrong, sentence):

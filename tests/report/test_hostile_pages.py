@@ -6,7 +6,6 @@ unchecked, so the pages hold without that.
 
 import json
 import re
-import shutil
 import socket
 import unicodedata
 from collections.abc import Callable, Generator
@@ -33,7 +32,7 @@ from run_settings import record_of
 from swim2real.calibration import RunFolder
 from swim2real.calibration.run_folder import TRIALS as SAVED
 from swim2real.parameters import ParameterSpace
-from swim2real.report import write_quality_page, write_report, write_runs_page
+from swim2real.report import write_quality_page, write_report
 from swim2real.report.comparison_page import write_comparison_report
 from swim2real.robots.fish import FISH
 from swim2real.robots.robot import PolicySetup, Robot
@@ -82,15 +81,6 @@ def hostile(*names: str) -> dict[str, str]:
 
 def run_page(folder: Path) -> Path:
     return write_report(*hostile_run(folder))
-
-
-def runs_page(folder: Path) -> Path:
-    run, robot = hostile_run(folder)
-    other = run.with_name(f"{run.name}2")
-    shutil.copytree(run, other)
-    path = other / "settings.json"
-    path.write_text(json.dumps(json.loads(path.read_text()) | {"commit": f"{ATTACK} 2"}))
-    return write_runs_page([(run, robot), (other, robot)], folder / "runs.html")
 
 
 def hostile_run(folder: Path) -> tuple[Path, Robot]:
@@ -211,7 +201,7 @@ def review_page(folder: Path) -> Path:
 
 
 PAGES: dict[str, Callable[[Path], Path]] = {
-    "run": run_page, "runs": runs_page, "comparison": comparison_page, "quality": quality_page,
+    "run": run_page, "comparison": comparison_page, "quality": quality_page,
     "training": training_page, "rollout": rollout_page, "pick": pick_page,
     "review": review_page,
 }  # fmt: skip
@@ -274,7 +264,7 @@ def check(page: str, scripts: int) -> Audit:
     return found
 
 
-SCRIPTS = {"run": 1, "runs": 1, "comparison": 1, "quality": 0, "training": 1, "rollout": 1, "pick": 2, "review": 2}
+SCRIPTS = {"run": 1, "comparison": 1, "quality": 0, "training": 1, "rollout": 1, "pick": 2, "review": 2}
 
 
 DRAWN = ("quality", "training", "rollout")  # charts of the other pages take long; the browser sees them

@@ -31,7 +31,7 @@ class Proposal(_Part):
     notes: dict[str, Any] = {}
 
 
-class Note(_Part):
+class _Note(_Part):
     """How a candidate came about."""
 
     source: Text | None = None
@@ -53,7 +53,7 @@ class RecordedEvaluation(_Part):
     reason: Text | None = None
     point: list[Share]
     values: dict[str, Number]
-    note: Note
+    note: _Note
     evidence: FitFigures
     seconds: Number | None = None
 
@@ -107,7 +107,7 @@ class Outcome(_Part):
     from_rest: dict[str, FromRest] = {}
     trials: dict[str, TrialSummary] = {}
     sensitivity: list[Sensitivity] | None = None
-    engine: dict[str, Any] = {}
+    engine: dict[str, object] = {}
     marker_names: list[Text] = []
     evaluations: Whole = 0
     ending: Text = "budget"
@@ -115,6 +115,6 @@ class Outcome(_Part):
     ranges: dict[str, tuple[Number, Number]] = {}
     late: list[Text] = []
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, object]:
         """As the file has it."""
         return self.model_dump(exclude_unset=True)

@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -40,9 +39,6 @@ class FromRest:
     divergence: str | None
     first_beats: Fact = None
 
-    def as_dict(self) -> dict[str, Any]:
-        return asdict(self)
-
 
 def from_rest(simulator: Simulator, values: Values, frequencies: Mapping[str, float]) -> dict[str, FromRest]:
     """Swims from rest, the motor turning from angle 0, in one batch.
@@ -63,15 +59,15 @@ def swims_from_rest(frequencies: Mapping[str, float]) -> list[Swim]:
     return [Swim(name, Actuation(f), 2 * math.ceil(_SETTLING * f) / f) for name, f in frequencies.items()]
 
 
-def backward_from_rest(found: Mapping[str, Mapping[str, Any]]) -> str | None:
+def backward_from_rest(found: Mapping[str, FromRest]) -> str | None:
     """A warning that names the frequencies at which a fit swims tail first or diverges from rest; None without any.
 
     Args:
-        found: What was found, by trial, each a `FromRest` as a dictionary.
+        found: Swims from rest, by trial.
     """
     faults = {
-        "swims tail first": [one["frequency"] for one in found.values() if (one["speed"] or 0.0) < 0],
-        "diverges": [one["frequency"] for one in found.values() if one["divergence"]],
+        "swims tail first": [one.frequency for one in found.values() if (one.speed or 0.0) < 0],
+        "diverges": [one.frequency for one in found.values() if one.divergence],
     }
     said = [f"{fault} at {', '.join(f'{f:.2f}' for f in sorted(at))} Hz" for fault, at in faults.items() if at]
     if not said:

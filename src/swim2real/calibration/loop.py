@@ -29,7 +29,7 @@ from swim2real.optimizers import Candidate, Evaluation, Optimizer
 from swim2real.parameters import ParameterSpace, Values, write_parameters
 from swim2real.settings import MINUTES
 from swimbase.errors import RunError
-from swimbase.store import reason
+from swimbase.store import writing
 
 Ending = Literal["done", "minutes", "budget"]
 
@@ -175,7 +175,7 @@ class _Ahead:
         return next(self._comparisons)
 
 
-def _entry(index: int, candidate: Candidate, space: ParameterSpace, comparison: Comparison) -> dict[str, Any]:
+def _entry(index: int, candidate: Candidate, space: ParameterSpace, comparison: Comparison) -> dict[str, object]:
     return {
         "index": index,
         "loss": comparison.loss,
@@ -210,10 +210,8 @@ def _same_values(recorded: Values, values: Values) -> bool:
 
 def _write_best(folder: RunFolder, problem: Problem, entry: RecordedEvaluation) -> None:
     """Writes the incumbent as the run's parameters file."""
-    try:
+    with writing(folder.best_path, RunError, "--resume goes on"):
         write_fit(folder.best_path, problem, entry.values, loss=entry.loss, evaluation=entry.index)
-    except OSError as error:
-        raise RunError(f"can't write '{folder.best_path}': {reason(error)}; --resume goes on") from error
 
 
 def write_fit(path: Path, problem: Problem, values: Values, **notes: Any) -> None:

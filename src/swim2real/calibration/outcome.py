@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from dataclasses import asdict
 
 from swim2real.calibration.convergence import noise_of
 from swim2real.calibration.file_models import Outcome
@@ -39,12 +39,13 @@ def conclude(
     """
     fit = problem.evaluate(values)
     on_held_out = None if held_out is None else held_out.evaluate(values)
-    content: dict[str, Any] = {
+    swims = problem.check_fit(values)
+    content: dict[str, object] = {
         "fit": evidence(fit),
         "held_out": None if on_held_out is None else evidence(on_held_out),
-        **problem.check_fit(values),
+        **({"from_rest": rounded({name: asdict(swim) for name, swim in swims.items()})} if swims else {}),
         "trials": {**problem.examinations(), **({} if held_out is None else held_out.examinations())},
-        "sensitivity": None if sensitivity is None else rounded([s.as_dict() for s in sensitivity]),
+        "sensitivity": None if sensitivity is None else rounded([asdict(s) for s in sensitivity]),
         "engine": problem.engine.as_dict(),
         "marker_names": list(problem.robot.marker_names),
         "evaluations": len(folder.record()),

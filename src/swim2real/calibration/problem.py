@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from swim2real.calibration.from_rest import backward_at_first, settled, swims_from_rest
+from swim2real.calibration.from_rest import FromRest, backward_at_first, settled, swims_from_rest
 from swim2real.calibration.protocols import Protocol, protocol_for
 from swim2real.objective import Comparison
-from swim2real.objective.comparison import UnfilmedSwim
+from swim2real.objective.comparison import UnfilmedSwim, rounded
 from swim2real.parameters import Values
 from swim2real.robots.robot import Robot
 from swim2real.settings import HORIZON, EvaluationSettings, ProtocolName, Start
@@ -133,8 +133,8 @@ class Problem:
         """What was found in each real trial, ready for JSON."""
         return {prepared.trial.name: dict(prepared.examination) for prepared in self.prepared}
 
-    def check_fit(self, values: Values) -> dict[str, Any]:
-        """What else a fit is tried on when a run ends: entries of its outcome, ready for JSON."""
+    def check_fit(self, values: Values) -> dict[str, FromRest]:
+        """Swims from rest that a fit is tried on when a run ends, by name; none for a robot without a beat."""
         return self.protocol.check_fit(self.simulator, values, self.prepared)
 
     def speeds_from_rest(self, values: Values) -> dict[str, tuple[float | None, float | None]]:
@@ -142,8 +142,7 @@ class Problem:
 
         None where one diverged. Empty for a robot whose trials have no beat.
         """
-        swims = self.check_fit(values).get("from_rest", {})
-        return {name: (swim["speed"], swim["first_beats"]) for name, swim in swims.items()}
+        return {name: (rounded(swim.speed), rounded(swim.first_beats)) for name, swim in self.check_fit(values).items()}
 
     @property
     def _requests(self) -> list[Any]:

@@ -17,7 +17,7 @@ from typing import Any, ClassVar, Generic, TypeVar
 import numpy as np
 
 from markertrack.quality import LostMarkers, TrackQuality, check_bodies, check_plausible, check_track, doubled_rate
-from swim2real.calibration.from_rest import from_rest
+from swim2real.calibration.from_rest import FromRest, from_rest
 from swim2real.checks.resting import better_starts
 from swim2real.objective import ComparedTrial, Target, compare_playback, compare_steady, playback_target, steady_target
 from swim2real.objective.comparison import rounded
@@ -93,8 +93,8 @@ class Protocol(ABC, Generic[Model]):
         del robot
         return {}
 
-    def check_fit(self, simulator: Model, values: Values, prepared: Sequence[PreparedTrial]) -> dict[str, Any]:
-        """What else a fit is tried on when a run ends: entries of its outcome, ready for JSON."""
+    def check_fit(self, simulator: Model, values: Values, prepared: Sequence[PreparedTrial]) -> dict[str, FromRest]:
+        """Swims from rest that a fit is tried on when a run ends, by name; none for trials without a beat."""
         del simulator, values, prepared
         return {}
 
@@ -172,11 +172,10 @@ class _Steady(Protocol[Simulator]):
     def compare(self, target: Target, simulated: Trial) -> ComparedTrial:
         return compare_steady(target, simulated, fit_phase=self.fit_phase)
 
-    def check_fit(self, simulator: Simulator, values: Values, prepared: Sequence[PreparedTrial]) -> dict[str, Any]:
+    def check_fit(self, simulator: Simulator, values: Values, prepared: Sequence[PreparedTrial]) -> dict[str, FromRest]:
         """How each trial's beat swims from rest, and beats between those of two trials that lie far apart."""
         frequencies = {one.trial.name: one.request.actuation.frequency for one in prepared}
-        swims = from_rest(simulator, values, frequencies | _between(frequencies))
-        return rounded({"from_rest": {name: swim.as_dict() for name, swim in swims.items()}})
+        return from_rest(simulator, values, frequencies | _between(frequencies))
 
     @abstractmethod
     def actuation(self, swim: RealSwim) -> Actuation:
@@ -227,7 +226,7 @@ class Motion(Aligned):
         return {f"unfilmed_{f:g}": f for f in robot.swims.head_first}
 
 
-class Paper(_Steady):
+class _Paper(_Steady):
     """As the paper's text has it: the nominal frequency, from rest, nothing fitted, every marker counts."""
 
     name: ClassVar[ProtocolName] = "paper"
@@ -335,7 +334,7 @@ def protocol_for(
         raise ArgumentError(
             f"start is '{start}', which is for steady swims under protocol motion or aligned, not {name}"
         )
-    return Paper() if name == "paper" else Playback(pieces)
+    return _Paper() if name == "paper" else Playback(pieces)
 
 
 def _summary(

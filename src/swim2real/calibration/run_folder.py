@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Generator, Mapping
-from contextlib import ExitStack, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, cast
+
+from numpy.typing import NDArray
 
 from swim2real.calibration.file_models import Outcome, RecordedEvaluation
 from swim2real.calibration.run_settings import FORMAT, RunSettings
@@ -53,13 +55,8 @@ class RunFolder:
             RunError: Another process has the run, or the folder can't be made.
         """
         with ExitStack() as stack:
-            with self._disk():
-                try:
-                    stack.enter_context(store.locked(self.path))
-                except BlockingIOError:
-                    raise RunError(
-                        f"another process is working on run folder '{self.path}'; wait for it or use another"
-                    ) from None
+            with self._disk(busy=f"another process is working on run folder '{self.path}'; wait for it or use another"):
+                stack.enter_context(store.locked(self.path))
                 store.remove_leftovers(self.path, _WRITTEN)
             yield
 
@@ -163,7 +160,7 @@ class RunFolder:
         with self._disk():
             store.write_arrays(self.path / name, arrays)
 
-    def read_arrays(self, name: str) -> dict[str, Any]:
+    def read_arrays(self, name: str) -> dict[str, NDArray[Any]]:
         """The content of an .npz file that was written when the run ended.
 
         Raises:
@@ -192,11 +189,7 @@ class RunFolder:
             raise RunError(f"{path} must hold a JSON object")
         return cast("dict[str, Any]", content)
 
-    @contextmanager
-    def _disk(self) -> Generator[None]:
+    def _disk(self, busy: str = "") -> AbstractContextManager[None]:
         """Turns what the system says of the disk into a sentence."""
-        try:
-            yield
-        except OSError as error:
-            kept = "; what was recorded so far is kept, --resume goes on from there" if self.path.is_dir() else ""
-            raise RunError(f"can't write run folder '{self.path}': {store.reason(error, self.path)}{kept}") from error
+        kept = "what was recorded so far is kept, --resume goes on from there" if self.path.is_dir() else ""
+        return store.writing(self.path, RunError, kept, what="run folder", busy=busy)

@@ -7,6 +7,7 @@ from dataclasses import dataclass, fields, is_dataclass
 from typing import Any, get_args, get_type_hints
 
 import numpy as np
+from numpy.typing import NDArray
 
 from swim2real.calibration.run_folder import TRIALS, RunFolder
 from swim2real.objective import ComparedBeat, ComparedHead, ComparedProgress, ComparedSensor, ComparedTrial, Comparison
@@ -49,7 +50,7 @@ def save_trials(folder: RunFolder, fit: Comparison, held_out: Comparison | None)
     """
     pairs = [(False, trial) for trial in fit.trials]
     pairs += [(True, trial) for trial in held_out.trials] if held_out is not None else []
-    arrays: dict[str, Any] = {"held_out": np.array([held for held, _ in pairs])}
+    arrays: dict[str, NDArray[Any]] = {"held_out": np.array([held for held, _ in pairs])}
     for i, (_, trial) in enumerate(pairs):
         arrays |= _flat(str(i), trial)
     folder.write_arrays(TRIALS, arrays)
@@ -69,7 +70,7 @@ def load_trials(folder: RunFolder) -> tuple[SavedTrial, ...]:
         raise RunError(f"{folder.path / TRIALS} can't be read: {error!r}; {folder.RESTORE}") from error
 
 
-def _flat(path: str, value: Any) -> dict[str, Any]:
+def _flat(path: str, value: Any) -> dict[str, NDArray[Any]]:
     """A value, or those of all its parts, by their paths; times keep all their digits, other numbers 32 bits."""
     if is_dataclass(value):
         parts = {field.name: getattr(value, field.name) for field in fields(value)}

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,9 +43,6 @@ class Sensitivity:
     upper: Fact
     speed: Fact
     verdict: str
-
-    def as_dict(self) -> dict[str, Any]:
-        return asdict(self)
 
 
 def sensitivities(problem: Problem, space: ParameterSpace, values: Values) -> list[Sensitivity]:

@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import Annotated
 
 import tyro
+from tyro.conf import Positional
 
-from swim2real.cli.options import Positional, finite_above_0
+from swim2real.cli.options import finite_above_0
 from swim2real.cli.terminal import say
 from swimbase.errors import ArgumentError
 

@@ -10,7 +10,9 @@ from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from swim2real.cli.options import Positional, RobotOption
+from tyro.conf import Positional
+
+from swim2real.cli import options as opt
 from swim2real.cli.terminal import say, say_json, tell
 from swim2real.settings import CalibrationSettings, IdentifiabilitySettings, VlmAccess, expand_seeds
 from swimbase.errors import RunError
@@ -24,9 +26,9 @@ MOST_LINES = 10  # on lost tracks, before they are reported in a line per trial
 
 
 def calibrate(
-    reference: Positional[Path], settings: CalibrationSettings, access: VlmAccess, *, out: Path,
-    robot: RobotOption = "fish", sensitivity: bool = False, resume: bool = False,
-    seeds: tuple[int | str, ...] = (), json: bool = False, quiet: bool = False,
+    reference: Positional[opt.Reference], settings: CalibrationSettings, access: VlmAccess, *, out: Path,
+    robot: opt.CalibratedRobot = "fish", sensitivity: bool = False, resume: opt.Resume = False,
+    seeds: tuple[int | str, ...] = (), json: opt.Json = False, quiet: opt.Quiet = False,
 ) -> int:  # fmt: skip
     """Find simulator parameters that make simulated trials match real ones.
 
@@ -35,20 +37,13 @@ def calibrate(
     and report.html. An evaluation takes under a second on two cores. Ctrl-C leaves a usable run; --resume continues it.
 
     Args:
-        reference: Folder with the real trials.
         settings: What decides the result.
         access: Access to VLMs, for --advisor PROVIDER:MODEL and files.
         out: Run folder to write.
-        robot: What is calibrated. fish: the paper's 16 parameters. fish-extended: two more, for the water that the hull
-            accelerates and for damping at the surface. fish-rolling: twelve more, for a hull that floats and rolls.
-            FILE.toml: your robot; `swim2real init` writes such a file.
         sensitivity: Also measure each parameter's effect on the loss at the end: two evaluations per parameter, outside
             the budget.
-        resume: Continue the run in --out.
         seeds: Numbers and ranges, as for compare: one run per seed, in folders beside --out; the best one is copied to
             --out.
-        json: Print the outcome as JSON.
-        quiet: Print no progress.
     """
     numbers = expand_seeds(seeds) if seeds else [settings.seed]
     from swim2real import pipeline
@@ -106,8 +101,8 @@ def _best_of(
 
 
 def demo(
-    *, out: Path = Path("demo-out"), budget: int | None = None, seed: int = 2, full: bool = False, resume: bool = False,
-    quiet: bool = False,
+    *, out: Path = Path("demo-out"), budget: int | None = None, seed: int = 2, full: bool = False,
+    resume: opt.Resume = False, quiet: opt.Quiet = False,
 ) -> int:  # fmt: skip
     """Run the whole pipeline on an embedded example: no data, no network, no key.
 
@@ -119,8 +114,6 @@ def demo(
         budget: Simulation evaluations; by default it searches until it is done, for 90 s at most.
         seed: Decides the first point and every random choice.
         full: Take all eight films instead of four.
-        resume: Continue an interrupted demo.
-        quiet: Print no progress.
     """
     from swim2real.api import open_run
     from swim2real.cli import tables
@@ -154,7 +147,7 @@ def demo(
         study = study_shown(opened, IdentifiabilitySettings(), outdated(opened), quiet)
     code = 1 if outcome is None else _told(outcome, out / "run", quiet, False)
     if not quiet and code == 0:
-        intervals = {name: one["interval_95"] for name, one in study["intervals"].items()} if study else {}
+        intervals = {name: one.interval_95 for name, one in study.intervals.items()} if study else {}
         tables.truth(open_run(out / "run").values, hidden_values(), intervals)
     if not quiet:
         say(f"The demo took {time.monotonic() - began:.0f} s. Overlays: {out / 'reference' / 'tracks'}")

@@ -6,7 +6,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from swim2real.cli.options import Positional, RobotOption
+from tyro.conf import Positional
+
+from swim2real.cli import options as opt
 from swim2real.cli.terminal import say, say_json, tell
 from swim2real.settings import ComparisonSettings, VlmAccess
 from swimbase.errors import ArgumentError
@@ -16,8 +18,8 @@ if TYPE_CHECKING:
 
 
 def compare(
-    reference: Positional[Path], settings: ComparisonSettings, access: VlmAccess, *, out: Path,
-    robot: RobotOption = "fish", json: bool = False, quiet: bool = False,
+    reference: Positional[opt.Reference], settings: ComparisonSettings, access: VlmAccess, *, out: Path,
+    robot: opt.CalibratedRobot = "fish", json: opt.Json = False, quiet: opt.Quiet = False,
 ) -> int:  # fmt: skip
     """Compare methods: each with every seed, under every protocol, with the same budget.
 
@@ -28,13 +30,9 @@ def compare(
     others are finished all the same.
 
     Args:
-        reference: Folder with the real trials.
         settings: What is compared.
         access: Access to VLMs, for --methods line-search@PROVIDER:MODEL and the like.
         out: Folder to write.
-        robot: As for calibrate: fish, fish-extended, fish-rolling, or a robot file.
-        json: Print the results as JSON.
-        quiet: Print no progress.
     """
     if access.once:
         raise ArgumentError("--once is for advisor files, which a comparison can't wait for")

@@ -16,7 +16,7 @@ from swim2real.report.paper_figures import write_figures
 from swim2real.robots.robot import Robot
 from swim2real.trials import TrialSet
 from swimbase.errors import RunError, TrialError
-from swimbase.store import read_json, reason, write_text
+from swimbase.store import read_json, write_text, writing
 
 TABLES, THEORY = "tables.md", "theory.json"
 
@@ -46,10 +46,8 @@ def write_files(folder: Path, results: ComparisonResults | None = None) -> list[
     results = results or load_results(folder)
     theory = _theory(folder)
     tables = folder / TABLES
-    try:
+    with writing(tables, RunError):
         write_text(tables, all_tables(results))
-    except OSError as error:
-        raise RunError(f"can't write '{tables}': {reason(error)}") from error
     return [tables, *write_figures(results, folder, theory), write_comparison_report(folder, theory)]
 
 

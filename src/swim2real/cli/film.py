@@ -9,8 +9,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
+from tyro.conf import Positional
 
-from swim2real.cli.options import From, Positional, finite_above_0, for_robot, one_each, word
+from swim2real.cli import options as opt
+from swim2real.cli.options import From, finite_above_0, for_robot, one_each, word
 from swim2real.cli.terminal import say, say_json, tell
 from swim2real.settings import TrackingSettings
 from swimbase.errors import ArgumentError, Swim2RealError, TrialError
@@ -47,8 +49,8 @@ def fetch(*, to: Path, source: Annotated[str | None, tyro.conf.arg(name="from")]
 
 
 def pick(
-    videos: Positional[tuple[Path, ...]], *, out: Path | None = None, robot: str = "fish", begin: From = (),
-    fps: tuple[float, ...] = (),
+    videos: Positional[tuple[Path, ...]], *, out: Path | None = None, robot: opt.RobotOfMarkers = "fish",
+    begin: From = (), fps: tuple[float, ...] = (),
 ) -> int:  # fmt: skip
     """Write a page per video on which you click the markers of its first frame.
 
@@ -57,7 +59,6 @@ def pick(
     Args:
         videos: Videos, folders of pictures or patterns of their names, as for `track`; their first frames are shown.
         out: Page to write, for one video; by default beside each video.
-        robot: Robot whose markers they are: fish, or a robot file (.toml).
         begin: Show the first frame from this time on [s], as for `track --from`; one for all videos, or one for each.
         fps: Frames per second that the camera took, as for `track --fps`, if --from is given.
     """
@@ -91,10 +92,10 @@ def pick(
 
 
 def track(
-    videos: Positional[tuple[Path, ...]], settings: TrackingSettings, *, to: Path, markers: tuple[str, ...],
-    corrections: tuple[Path, ...] = (), robot: str = "fish", frequency: tuple[float, ...] = (),
-    controls: tuple[Path, ...] = (), sensors: tuple[Path, ...] = (), begin: From = (), until: tuple[float, ...] = (),
-    fps: tuple[float, ...] = (), workers: int = 0, json: bool = False, quiet: bool = False,
+    videos: Positional[tuple[Path, ...]], settings: TrackingSettings, *, to: opt.ToReference, markers: tuple[str, ...],
+    corrections: tuple[Path, ...] = (), robot: opt.RobotOfMarkers = "fish", frequency: tuple[float, ...] = (),
+    controls: opt.ControlTables = (), sensors: opt.SensorTables = (), begin: From = (), until: opt.Until = (),
+    fps: tuple[float, ...] = (), workers: int = 0, json: opt.Json = False, quiet: opt.Quiet = False,
 ) -> int:  # fmt: skip
     """Find the markers in videos and make trials of them.
 
@@ -108,25 +109,17 @@ def track(
     Args:
         videos: Videos, one per trial; their names become the trials' names. f1_50.mp4 means a command of 1.50 Hz.
         settings: How they are tracked.
-        to: Reference folder to add the trials to.
         markers: points.json of each video, in order (from `swim2real pick`), or auto to find the markers, which fails
             if glare or shadows leave a doubt; tags are taken in the order of their numbers.
         corrections: File per video, saved by the page of doubtful stretches (NAME.corrections.json), or points of
             another frame: markers are followed from there in both directions, and correct positions are kept.
-        robot: Robot whose markers they are: fish, or a robot file (.toml).
         frequency: Motor command in each video [Hz], if the names don't contain it. Only protocol paper needs it.
-        controls: Tables of what drove the robot in each video, in order: time_s on the camera's clock (0 is the first
-            frame), then a column per actuator.
-        sensors: Tables of what was measured in each video, in order: time_s, then a column per sensor.
         begin: Track from this time of the video on [s], which becomes time 0 of the trial and its tables; one for all
             videos, or one for each. The points belong to that frame or a later one: `pick --from`. It is a time of the
             camera, as --fps has it.
-        until: Track up to this time of the video [s], on the same clock; one for all videos, or one for each.
         fps: Frames per second that the camera took; one for all videos, or one for each. By default the video's own
             rate: give it for slow motion (240 for 240 frames per second that play at 30) and where the video has none.
         workers: Videos tracked in parallel; 0 for all cores.
-        json: Print the findings as JSON.
-        quiet: Print no progress.
     """
     count = len(videos)
     if workers < 0:
@@ -179,24 +172,18 @@ def track(
 
 
 def import_tracks(
-    tables: Positional[tuple[Path, ...]], *, to: Path, fps: float, robot: str = "fish", camera: Path | None = None,
-    frequency: tuple[float, ...] = (), controls: tuple[Path, ...] = (), sensors: tuple[Path, ...] = (),
-    begin: From = (), until: tuple[float, ...] = (),
+    tables: Positional[tuple[Path, ...]], *, to: opt.ToReference, fps: float, robot: opt.RobotOfMarkers = "fish",
+    camera: Path | None = None, frequency: opt.Frequencies = (), controls: opt.ControlTables = (),
+    sensors: opt.SensorTables = (), begin: From = (), until: opt.Until = (),
 ) -> int:  # fmt: skip
     """Make trials of other programs' tracks: tables of DeepLabCut, SLEAP, or others with columns NAME.x and NAME.y.
 
     Args:
         tables: Tables, one per trial, in pixels; their frames are counted from the video's first, 0.
-        to: Reference folder to add the trials to.
         fps: Frames per second of the videos.
-        robot: Robot whose markers they are: fish, or a robot file (.toml).
         camera: JSON file with known lengths, camera height, plane or lens; docs/tracking.md describes it.
-        frequency: Motor command in each trial [Hz].
-        controls: Tables of what drove the robot in each trial, in order: time_s, then a column per actuator.
-        sensors: Tables of what was measured in each trial, in order: time_s, then a column per sensor.
         begin: Use the track from this time on [s], which becomes time 0 of the trial and its tables; one for all
             tables, or one for each.
-        until: Use the track up to this time [s]; one for all tables, or one for each.
     """
     for option, values in (("frequency", frequency), ("controls", controls), ("sensors", sensors)):
         one_each(option, values, len(tables), "tables")
@@ -246,7 +233,7 @@ def import_tracks(
 
 
 def cut(
-    reference: Positional[Path], *, to: Path, begin: From = (), until: tuple[float, ...] = (),
+    reference: Positional[opt.Reference], *, to: opt.ToReference, begin: From = (), until: opt.Until = (),
     trials: tuple[str, ...] = (),
 ) -> int:  # fmt: skip
     """Cut a stretch out of recordings: tracks, controls and sensors, with times from 0.
@@ -255,10 +242,7 @@ def cut(
     since filters, muscles and servos remember them.
 
     Args:
-        reference: Folder with the real trials.
-        to: Reference folder to add the cut trials to.
         begin: Start of the stretch on the trial's clock [s]; one for all trials, or one for each.
-        until: End of the stretch [s]; one for all trials, or one for each.
         trials: Names of the trials; by default all.
     """
     from markertrack.span import spans
@@ -284,19 +268,16 @@ def cut(
 
 
 def quality(
-    reference: Positional[Path], *, robot: str = "fish", allow_lost: float = 0.05, plot: Path | None = None,
-    json: bool = False,
+    reference: Positional[opt.Reference], *, robot: opt.RobotOfMarkers = "fish", allow_lost: float = 0.05,
+    plot: Path | None = None, json: opt.Json = False,
 ) -> int:  # fmt: skip
     """Check the tracks of a reference: clocks, lost markers, body lengths, and what drove each trial.
 
     Exits with 1 if a trial shouldn't be used as it is. Calibration leaves lost marker-frames out by itself.
 
     Args:
-        reference: Folder with the real trials.
-        robot: Robot whose markers they are: fish, or a robot file (.toml).
         allow_lost: Share of frames in which a marker may be lost in a usable trial.
         plot: Also write an HTML page that shows when each marker is lost.
-        json: Print JSON.
     """
     if not 0 <= allow_lost <= 1:
         raise ArgumentError(f"--allow-lost is {allow_lost:g}; it is a share of frames within 0 and 1, such as 0.05")
@@ -329,10 +310,7 @@ def quality(
         from swim2real.report import write_quality_page
 
         checked = [(trial, check_lost(trial.track, body.layout)) for trial in trials if trial.name in findings]
-        try:
-            write_quality_page(checked, body.marker_names, plot)
-        except OSError as error:
-            raise ArgumentError(f"--plot '{plot}' can't be written: {error.strerror or error}") from error
+        write_quality_page(checked, body.marker_names, plot)
     return 0 if all(finding["usable"] for finding in findings.values()) and not refusals else 1
 
 

@@ -1,21 +1,68 @@
-"""Types and checks of options that several commands have."""
+"""Options that several commands have, declared once with their help, and their checks.
+
+An option of one command alone is explained in that command's docstring.
+"""
 
 from __future__ import annotations
 
 import shlex
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
-import tyro
+from tyro.conf import arg
 
 from swimbase.errors import ArgumentError
 
-Positional = tyro.conf.Positional
-RobotOption = Annotated[str, tyro.conf.arg(aliases=["--parameters"])]
-From = Annotated[tuple[float, ...], tyro.conf.arg(name="from")]  # which Python doesn't take as a name
 DEFAULT_ROBOT = "fish"
 PUBLISHED = "published"  # the prior work's values, in place of a parameters file
+
+From = Annotated[tuple[float, ...], arg(name="from")]  # which Python doesn't take as a name
+Until = Annotated[
+    tuple[float, ...],
+    arg(help="Up to this time [s], on the same clock as --from; one for all, or one for each."),
+]
+CalibratedRobot = Annotated[
+    str,
+    arg(
+        aliases=["--parameters"],
+        help="What is calibrated. fish: the paper's 16 parameters. fish-extended: two more, for the water that the "
+        "hull accelerates and for damping at the surface. fish-rolling: twelve more, for a hull that floats and rolls. "
+        "FILE.toml: your robot; `swim2real init` writes such a file.",
+    ),
+]
+RobotOfMarkers = Annotated[str, arg(help="Robot whose markers they are: fish, or a robot file (.toml).")]
+RobotOfRun = Annotated[str | None, arg(help="Robot file, if it has moved since the run was written.")]
+RobotOfValues = Annotated[
+    str | None,
+    arg(
+        help="Robot file, if it has moved since the run or the parameters file was written; with 'published', the "
+        "robot whose own values are used."
+    ),
+]
+ValuesPath = Annotated[Path, arg(help="Run folder or parameters file; 'published' for the prior work's values.")]
+Reference = Annotated[Path, arg(help="Folder with the real trials.")]
+ToReference = Annotated[Path, arg(help="Reference folder to add the trials to.")]
+Frequencies = Annotated[tuple[float, ...], arg(help="Motor command in each trial [Hz].")]
+ControlTables = Annotated[
+    tuple[Path, ...],
+    arg(
+        help="Tables of what drove the robot in each trial, in order: time_s on the video's clock (0 is its first "
+        "frame), then a column per actuator."
+    ),
+]
+SensorTables = Annotated[
+    tuple[Path, ...],
+    arg(
+        help="Tables of what was measured in each trial, in order: time_s on the same clock, then a column per sensor."
+    ),
+]
+Policy = Annotated[Path, arg(help="Folder that `train` wrote.")]
+Which = Annotated[Literal["best", "last"], arg(help="best: in the evaluations during training. last: at its end.")]
+Threads = Annotated[int, arg(help="Simulations in parallel; 0 for all cores. Results don't depend on it.")]
+Resume = Annotated[bool, arg(help="Continue what is in --out.")]
+Json = Annotated[bool, arg(help="Print the result as JSON, in SI units.")]
+Quiet = Annotated[bool, arg(help="Print no progress.")]
 
 
 def word(path: str | Path) -> str:

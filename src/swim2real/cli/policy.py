@@ -9,11 +9,12 @@ from dataclasses import asdict, replace
 from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
-from tyro.conf import PositionalRequiredArgs
+from tyro.conf import Positional, PositionalRequiredArgs
 
-from swim2real.cli.options import PUBLISHED, Positional, word
+from swim2real.cli import options as opt
+from swim2real.cli.options import PUBLISHED, word
 from swim2real.cli.terminal import say, say_json, tell
 from swim2real.settings import TrainingSettings, expand_seeds
 from swimbase.errors import ArgumentError, Swim2RealError
@@ -30,7 +31,7 @@ def train(
     settings: PositionalRequiredArgs[TrainingSettings], *, parameters: Path, out: Path, ensemble: Path | None = None,
     robot: str | None = None, seeds: tuple[int | str, ...] = (), workers: int = 0, threads: int = 0,
     any_phase: bool = False, tendon_friction: float = 0.0, noise: float | None = None, delay: int | None = None,
-    anyway: bool = False, resume: bool = False, json: bool = False, quiet: bool = False,
+    anyway: bool = False, resume: opt.Resume = False, json: opt.Json = False, quiet: opt.Quiet = False,
 ) -> int:  # fmt: skip
     """Train a policy in the calibrated simulator: soft actor-critic, as in the paper.
 
@@ -56,9 +57,6 @@ def train(
         noise: Let the policy observe tracked markers with this noise [m], not the true state.
         delay: Age of the tracked markers [control intervals of 20 ms]; by default 2 if only --noise is given.
         anyway: Train even in a simulator that swims tail first from rest.
-        resume: Continue the training in --out.
-        json: Print the outcome as JSON.
-        quiet: Print no progress.
     """
     if workers < 0 or threads < 0:
         raise ArgumentError(f"--workers is {workers} and --threads {threads}; they must be 0 or above")
@@ -168,11 +166,11 @@ def _train_seed(
 
 
 def rollout(
-    policy: Positional[Path], *, episodes: int = 50, goals: int = 0, parameters: Path | None = None,
-    robot: str | None = None, which: Literal["best", "last"] = "best", stage: int | None = None,
+    policy: Positional[opt.Policy], *, episodes: int = 50, goals: int = 0, parameters: Path | None = None,
+    robot: opt.RobotOfRun = None, which: opt.Which = "best", stage: int | None = None,
     tendon_friction: float | None = None, current: tuple[float, float] | None = None, closed_loop: bool = False,
     noise: float = 0.001, delay: int = 2, beside: tuple[Path, ...] = (), out: Path | None = None, film: bool = True,
-    json: bool = False,
+    json: opt.Json = False,
 ) -> int:  # fmt: skip
     """Assess a trained policy: distance and return, success and time to target, compared with waves of commands.
 
@@ -181,14 +179,11 @@ def rollout(
     some minutes for 100 goals.
 
     Args:
-        policy: Folder that `train` wrote.
         episodes: Episodes to run.
         goals: For a task with goals: number of random goals, instead of --episodes.
         parameters: Run folder or parameters file of another simulator, which may be of another robot with the same
             observations and actuators: fish-rolling for a policy that was trained in fish. By default that of the
             training.
-        robot: Robot file, if it has moved since the training was written.
-        which: best: in the evaluations during training. last: at its end.
         stage: Stage of the curriculum: distance of the goals and how closely they must be met; by default the last.
         tendon_friction: Share of the rubbing tendon's tension that friction takes; by default as in the training.
         current: Velocity of the water along x (backward) and y [m/s]; by default as in the training.
@@ -200,7 +195,6 @@ def rollout(
             from the same start.
         out: Folder to write; by default the policy's.
         film: Whether the film is written; --no-film leaves it out.
-        json: Print the figures as JSON.
     """
     from swim2real.cli.subject import robot_for, values_for
     from swim2real.report.training_page import write_training_page
@@ -261,9 +255,9 @@ def rollout(
 
 
 def export_commands(
-    policy: Positional[Path], *, out: Path, seconds: float, robot: str | None = None,
-    which: Literal["best", "last"] = "best", phase: float = 0.0, goal: tuple[float, float] | None = None,
-    ensemble: Path | None = None, json: bool = False,
+    policy: Positional[opt.Policy], *, out: Path, seconds: float, robot: opt.RobotOfRun = None,
+    which: opt.Which = "best", phase: float = 0.0, goal: tuple[float, float] | None = None,
+    ensemble: Path | None = None, json: opt.Json = False,
 ) -> int:  # fmt: skip
     """Write a policy's commands as a table, 50 rows per second: .csv for `deploy`, or .npz for other controllers.
 
@@ -275,16 +269,12 @@ def export_commands(
     names and units. `deploy` checks the motors' own limits and adds ramps from and to rest.
 
     Args:
-        policy: Folder that `train` wrote.
         out: Table to write, .csv or .npz.
         seconds: Length [s].
-        robot: Robot file, if it has moved since the training was written.
-        which: best: in the evaluations during training. last: at its end.
         phase: Angle of the motor at the start [rad].
         goal: Goal of a task with goals [m]: x (ahead is negative) and y; by default 1 m straight ahead.
         ensemble: File from `swim2real ensemble`, whose sets give the spread of what is expected; by default the further
             sets that the policy was trained with.
-        json: Print what was written as JSON.
     """
     from motorline.commands import FISH, RATE, CommandTable, write_table
     from swim2real.identification.ensemble import read_ensemble

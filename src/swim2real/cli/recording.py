@@ -6,21 +6,22 @@ from pathlib import Path
 from typing import Annotated
 
 import tyro
+from tyro.conf import Positional
 
-from swim2real.cli.options import Positional, finite_above_0, one_each, word
+from swim2real.cli import options as opt
+from swim2real.cli.options import From, finite_above_0, one_each, word
 from swim2real.cli.terminal import say, tell
 from swimbase.errors import ArgumentError, Swim2RealError
 
 Named = Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME=COLUMN[:UNIT] ...")]
 NamedPairs = Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME=XCOLUMN,YCOLUMN[:UNIT] ...")]
-From = Annotated[tuple[float, ...], tyro.conf.arg(name="from")]  # which Python doesn't take as a name
 
 
 def import_recording(
-    tables: Positional[tuple[Path, ...]], *, robot: str, to: Path,
+    tables: Positional[tuple[Path, ...]], *, robot: str, to: opt.ToReference,
     time: Annotated[tuple[str, ...], tyro.conf.arg(metavar="COLUMN[:UNIT] ...")] = (), controls: Named = (),
     sensors: Named = (), markers: NamedPairs = (), control_tables: tuple[Path, ...] = (),
-    frequency: tuple[float, ...] = (), begin: From = (), until: tuple[float, ...] = (),
+    frequency: opt.Frequencies = (), begin: From = (), until: opt.Until = (),
 ) -> int:  # fmt: skip
     """Make trials of logs: text tables with a header, of any program and in any units.
 
@@ -33,7 +34,6 @@ def import_recording(
     Args:
         tables: Tables, one per trial, of any encoding and separator; their names become the trials' names.
         robot: Robot whose recordings they are: a robot file (.toml), or fish.
-        to: Reference folder to add the trials to.
         time: Column of the time stamps, which may count from 1970 or be dates; by default time, t, timestamp or stamp.
             Two where tables and control tables name it differently.
         controls: Columns of the actuators that the robot file drives by a table.
@@ -41,11 +41,9 @@ def import_recording(
         markers: Columns of the markers in the camera's plane; by default NAME_x and NAME_y, or named after the plane's
             axes.
         control_tables: Separate tables of the controls, one per table and on its clock.
-        frequency: Motor command in each trial [Hz].
         begin: Use the log from this time after its first row on [s], which becomes time 0 of the trial; one for all
             tables, or one for each. For a tracked trial: when the video begins; by default the log is on the video's
             clock.
-        until: Use the log up to this time after its first row [s]; one for all tables, or one for each.
     """
     if not tables:
         raise ArgumentError("no table was given")

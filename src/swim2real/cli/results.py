@@ -7,7 +7,10 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from swim2real.cli.options import From, Positional
+from tyro.conf import Positional
+
+from swim2real.cli import options as opt
+from swim2real.cli.options import From
 from swim2real.cli.terminal import say, say_json, tell
 from swim2real.settings import EvaluationSettings
 from swimbase.errors import ArgumentError
@@ -17,8 +20,8 @@ if TYPE_CHECKING:
 
 
 def evaluate(
-    parameters: Positional[Path], settings: EvaluationSettings, *, reference: Path, robot: str | None = None,
-    sensitivity: bool = False, begin: float | None = None, json: bool = False,
+    parameters: Positional[Path], settings: EvaluationSettings, *, reference: opt.Reference,
+    robot: opt.RobotOfValues = None, sensitivity: bool = False, begin: float | None = None, json: opt.Json = False,
 ) -> int:  # fmt: skip
     """Compare parameters with real trials: every figure, per trial and per marker.
 
@@ -28,13 +31,9 @@ def evaluate(
     Args:
         parameters: Run folder or parameters file; 'published' for the prior work's values. Or COMMANDS.expected.json.
         settings: How they are compared.
-        reference: Folder with the real trials.
-        robot: Robot file, if it has moved since the run or the parameters file was written; with 'published', the robot
-            whose own values are used.
         sensitivity: Also print each parameter's effect on the loss: about 30 more evaluations.
         begin: For an expected run: time of the first command on the trial's clock [s]; by default that of the first row
             of its controls, or of its first frame.
-        json: Print JSON in SI units.
     """
     if parameters.name.endswith(".expected.json"):
         return _evaluate_run(parameters, reference, begin, json)
@@ -50,7 +49,7 @@ def evaluate(
     content = evidence(problem.evaluate(values))
     effects = sensitivities(problem, problem.robot.space, values) if sensitivity else None
     if json:
-        told = None if effects is None else [effect.as_dict() for effect in effects]
+        told = None if effects is None else [asdict(effect) for effect in effects]
         say_json({**content, "engine": problem.engine.as_dict(), "sensitivity": told})
         return 0
     fit, simulated = FitFigures.model_validate(content), problem.robot
@@ -87,9 +86,9 @@ def _evaluate_run(path: Path, reference: Path, begin: float | None, json: bool) 
 
 
 def overlay(
-    parameters: Positional[Path], settings: EvaluationSettings, *, reference: Path, out: Path,
-    robot: str | None = None, fps: float = 30.0, width: int = 960, video: tuple[Path, ...] = (),
-    camera: Path | None = None, begin: From = (), until: tuple[float, ...] = (),
+    parameters: Positional[opt.ValuesPath], settings: EvaluationSettings, *, reference: opt.Reference, out: Path,
+    robot: opt.RobotOfValues = None, fps: float = 30.0, width: int = 960, video: tuple[Path, ...] = (),
+    camera: Path | None = None, begin: From = (), until: opt.Until = (),
 ) -> int:  # fmt: skip
     """Draw simulated trials over real ones, as films and pictures.
 
@@ -98,19 +97,14 @@ def overlay(
     instead and writes NAME.on-film.mp4: on the real path, in phase and registered, as in the loss.
 
     Args:
-        parameters: Run folder or parameters file; 'published' for the prior work's values.
         settings: How they are compared.
-        reference: Folder with the real trials.
         out: Folder to write.
-        robot: Robot file, if it has moved since the run or the parameters file was written; with 'published', the robot
-            whose own values are used.
         fps: Frames per second of the films.
         width: Width of the films [px].
         video: Your own films of the trials, each named like its trial.
         camera: Camera file that the films were tracked with.
         begin: Time of the film at which the trial begins [s], one for all films or one for each; by default as it was
             tracked.
-        until: Draw up to this time of the film [s]; one for all films, or one for each.
     """
     from swim2real.cli.subject import problem_of
     from swim2real.pipeline.overlays import write_overlays
@@ -157,8 +151,8 @@ def _draw_on_films(
 
 
 def simulate(
-    parameters: Positional[Path], *, frequency: tuple[float, ...], out: Path, robot: str | None = None,
-    seconds: float = 4.0, rate: float = 60.0, from_rest: bool = False, threads: int = 0,
+    parameters: Positional[opt.ValuesPath], *, frequency: tuple[float, ...], out: Path, robot: opt.RobotOfValues = None,
+    seconds: float = 4.0, rate: float = 60.0, from_rest: bool = False, threads: opt.Threads = 0,
 ) -> int:  # fmt: skip
     """Simulate swims and write the markers' paths.
 
@@ -167,15 +161,11 @@ def simulate(
     (K, F, T, M, 2) m.
 
     Args:
-        parameters: Run folder or parameters file; 'published' for the prior work's values.
         frequency: Motor frequencies [Hz].
         out: File to write.
-        robot: Robot file, if it has moved since the run or the parameters file was written; with 'published', the robot
-            whose own values are used.
         seconds: Length of each swim [s].
         rate: Samples per second [Hz].
         from_rest: Start from rest with the motor turning; by default a steady cycle from motor angle 0.
-        threads: Swims simulated in parallel; 0 for all cores.
     """
     import numpy as np
 
@@ -186,7 +176,7 @@ def simulate(
     from swim2real.identification.identifiability import sets_that_fit
     from swim2real.trials import TrialSet
     from swimbase.errors import EngineError
-    from swimbase.store import write_arrays
+    from swimbase.store import write_arrays, writing
 
     body = robot_for(parameters, robot)
 
@@ -204,10 +194,8 @@ def simulate(
     }  # fmt: skip
     if others:
         arrays["markers_of_sets"] = np.stack([[trial.track.positions for trial in made] for made in others])
-    try:
+    with writing(out, ArgumentError, what="--out"):
         write_arrays(out, arrays)
-    except OSError as error:
-        raise ArgumentError(f"--out '{out}' can't be written: {error.strerror or error}") from error
     headings, rows = ["swim", "speed mm/s"], [[t.name, tables.millimeters(t.track.speed)] for t in trials]
     if others:
         headings.append("90 % of the sets that fit")
@@ -219,37 +207,23 @@ def simulate(
     return 0
 
 
-def report(runs: Positional[tuple[Path, ...]], *, out: Path | None = None, robot: str | None = None) -> int:
-    """Write the report page of a run or a comparison: one self-contained HTML file that opens without a network.
+def report(runs: Positional[tuple[Path, ...]], *, robot: opt.RobotOfRun = None) -> int:
+    """Write the report page of runs and comparisons: one self-contained HTML file that opens without a network.
 
-    For a comparison it also writes tables.md and the figures for papers (PDF, SVG and PNG). Several runs are shown side
-    by side on one page: figures, parameters, paths, and differing settings.
+    For a comparison it also writes tables.md and the figures for papers (PDF, SVG and PNG).
 
     Args:
-        runs: Folder of a run or a comparison, or folders of several runs.
-        out: Page of several runs to write; by default runs.html in the current folder. The page of one run is written
-            into its folder.
-        robot: Robot file, if it has moved since the runs were written.
+        runs: Folders of runs and comparisons; each page is written into its folder.
     """
     from swim2real.api import run_robot
     from swim2real.calibration import RunFolder
     from swim2real.cli.comparison_files import write_files
     from swim2real.comparison.plan import PLAN
-    from swim2real.report import write_report, write_runs_page
-    from swim2real.report.runs_page import PAGE as RUNS_PAGE
+    from swim2real.report import write_report
 
     if not runs:
         raise ArgumentError("no run was given; give the folder of a run or a comparison")
-    if len(runs) > 1:
-        compared = next((run for run in runs if (run / PLAN).is_file()), None)
-        if compared is not None:
-            raise ArgumentError(f"'{compared}' is a comparison; a page of several shows runs, so give it alone")
-        read = [(run, run_robot(RunFolder(run), robot)) for run in runs]
-        say(str(write_runs_page(read, out or Path(RUNS_PAGE))))
-        return 0
-    if out is not None:
-        raise ArgumentError(f"--out '{out}' is the page of several runs; the page of one is written into its folder")
-    run = next(iter(runs))
-    page = write_files(run)[-1] if (run / PLAN).is_file() else write_report(run, run_robot(RunFolder(run), robot))
-    say(str(page))
+    for run in runs:
+        compared = (run / PLAN).is_file()
+        say(str(write_files(run)[-1] if compared else write_report(run, run_robot(RunFolder(run), robot))))
     return 0

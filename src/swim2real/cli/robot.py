@@ -6,9 +6,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import tyro
+from tyro.conf import Positional
 
 from swim2real import consent
-from swim2real.cli.options import PUBLISHED, Positional, word
+from swim2real.cli import options as opt
+from swim2real.cli.options import PUBLISHED, word
 from swim2real.cli.terminal import say
 from swim2real.settings import all_cores
 from swimbase.errors import ArgumentError, RobotError
@@ -63,15 +65,13 @@ def init(
 
 def _write_model(converted: Converted, urdf: Path, force: bool) -> int:
     """Writes the MJCF file of a URDF beside it, and tells what it lacks."""
-    from swimbase.store import reason, write_text
+    from swimbase.store import write_text, writing
 
     out = urdf.with_suffix(".xml")
     if out.exists() and not force:
         raise ArgumentError(f"'{out}' is there; --force writes the MJCF of '{urdf}' over it")
-    try:
+    with writing(out, RobotError, what="model"):
         write_text(out, converted.text)
-    except OSError as error:
-        raise RobotError(f"model '{out}' can't be written: {reason(error, out)}") from error
     base = f"'{converted.bodies[0]}'" if converted.bodies else "that moves"
     joint = converted.joints[0] if converted.joints else "JOINT"
     say(
@@ -84,7 +84,9 @@ def _write_model(converted: Converted, urdf: Path, force: bool) -> int:
     return 0
 
 
-def check(robot: Positional[str], *, reference: Path | None = None, out: Path | None = None, threads: int = 0) -> int:
+def check(
+    robot: Positional[str], *, reference: Path | None = None, out: Path | None = None, threads: opt.Threads = 0
+) -> int:
     """Check a robot: what each parameter sets and moves, its markers, and what drives a trial.
 
     Simulates 2 s with each parameter at both bounds, and draws a map of the markers. Exits with 1 if a parameter
@@ -95,7 +97,6 @@ def check(robot: Positional[str], *, reference: Path | None = None, out: Path | 
         robot: Robot file, or the name of a robot: fish, fish-extended, fish-rolling.
         reference: Folder with real trials, whose controls are used; by default the robot is moved by invented ones.
         out: Picture of the markers to write (PNG); by default beside the robot file.
-        threads: Simulations in parallel; 0 for all cores. Results don't depend on it.
     """
     threads_or_all = all_cores(threads)
     from swim2real.cli.robot_check import check_robot
@@ -103,7 +104,7 @@ def check(robot: Positional[str], *, reference: Path | None = None, out: Path | 
     return 0 if check_robot(robot, reference, out, threads_or_all) else 1
 
 
-def export_model(parameters: Positional[Path], *, out: Path, robot: str | None = None) -> int:
+def export_model(parameters: Positional[opt.ValuesPath], *, out: Path, robot: opt.RobotOfValues = None) -> int:
     """Write the calibrated simulator as one MJCF file, for any program that loads MuJoCo models.
 
     Reads a run folder or parameters file. The model contains the markers' sensors, and cameras, a light and the water's
@@ -111,10 +112,7 @@ def export_model(parameters: Positional[Path], *, out: Path, robot: str | None =
     writes them; the difference is reported.
 
     Args:
-        parameters: Run folder or parameters file; 'published' for the prior work's values.
         out: MJCF file to write (.xml).
-        robot: Robot file, if it has moved since the run or the parameters file was written; with 'published', the robot
-            whose own values are used.
     """
     import mujoco
 
@@ -123,7 +121,7 @@ def export_model(parameters: Positional[Path], *, out: Path, robot: str | None =
     from swim2real.robots.compiled import largest_difference
     from swim2real.robots.mjcf_files import outside
     from swim2real.viewing.scenery import furnish
-    from swimbase.store import write_text
+    from swimbase.store import write_text, writing
 
     body = robot_for(parameters, robot)
     published = str(parameters) == PUBLISHED
@@ -134,10 +132,8 @@ def export_model(parameters: Positional[Path], *, out: Path, robot: str | None =
             setattr(spec, folder, str((body.source.parent / spec.modelfiledir / getattr(spec, folder)).resolve()))
     furnish(spec)
     model = spec.compile()
-    try:
+    with writing(out, ArgumentError, what="--out"):
         write_text(out, spec.to_xml())
-    except OSError as error:
-        raise ArgumentError(f"--out '{out}' can't be written: {error.strerror or error}") from error
     named = outside(out)  # where the assets are of a model that has been allowed
     if named is not None:
         consent.require(named, allowed=True)

@@ -28,6 +28,7 @@ from swim2real.simulation.pose import MarkerView
 from swim2real.simulation.start import STRETCH
 from swim2real.trials import TrialSet, load_reference
 from swimbase.errors import ArgumentError, EngineError, TrialError
+from swimbase.store import writing
 
 
 def check_robot(name: str, reference_folder: Path | None, out: Path | None, threads: int | None) -> bool:
@@ -223,10 +224,7 @@ def _draw(robot: Robot, out: Path) -> None:
     """Writes the map of the markers."""
     right, up = ("xyz"[axis] for axis in robot.plane)
     title = f"{robot.name}: markers at rest, from {_side(robot)}"
-    try:
-        picture = to_pillow(marker_map(robot.rest_markers, robot.marker_names, robot.links, (right, up), title))
+    picture = to_pillow(marker_map(robot.rest_markers, robot.marker_names, robot.links, (right, up), title))
+    with writing(out, ArgumentError, what="--out"):
         picture.save(out, "PNG", optimize=True)
-    except OSError as error:
-        raise ArgumentError(f"--out '{out}' can't be written: {error.strerror or error}") from error
-    else:
-        say(str(out))
+    say(str(out))

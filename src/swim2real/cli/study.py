@@ -6,15 +6,19 @@ import time
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from swim2real.cli.options import Positional, word
+from tyro.conf import Positional
+
+from swim2real.cli import options as opt
+from swim2real.cli.options import word
 from swim2real.cli.terminal import say, say_json, tell
 from swim2real.settings import EnsembleSettings, IdentifiabilitySettings, all_cores
 from swimbase.errors import ArgumentError
 
 if TYPE_CHECKING:
     from swim2real.identification.finished_run import FinishedRun
+    from swim2real.identification.identifiability import Study
     from swim2real.identification.next_trial import JudgedTrial
 
 _DIRECTIONS = 4  # that are printed of the best determined ones, and of the others
@@ -23,8 +27,8 @@ _OFTEN = 5.0  # s between lines of progress
 
 
 def identify(
-    run: Positional[Path], settings: IdentifiabilitySettings, *, reference: Path, robot: str | None = None,
-    again: bool = False, threads: int = 0, json: bool = False, quiet: bool = False,
+    run: Positional[Path], settings: IdentifiabilitySettings, *, reference: opt.Reference, robot: opt.RobotOfRun = None,
+    again: bool = False, threads: opt.Threads = 0, json: opt.Json = False, quiet: opt.Quiet = False,
 ) -> int:  # fmt: skip
     """Report which parameters, and combinations of them, the trials determine, with intervals.
 
@@ -36,12 +40,7 @@ def identify(
     Args:
         run: Run folder.
         settings: What decides the result.
-        reference: Folder with the real trials that the run was made with.
-        robot: Robot file, if it has moved since the run was written.
         again: Start again even if there is a study.
-        threads: Swims simulated in parallel; 0 for all cores. Results don't depend on it.
-        json: Print JSON in SI units.
-        quiet: Print no progress.
     """
     from swim2real.calibration.convergence import ends_of
     from swim2real.cli.subject import robot_for
@@ -54,13 +53,13 @@ def identify(
     if begins and not quiet and len(ends_of(opened.folder.record(), opened.folder.outcome())) < 2:
         tell("the run has followed fewer than two starts to the end, so no parameter will count as identified; Ctrl-C, "
              "and swim2real calibrate --resume without --budget follows more")  # fmt: skip
-    content = study_shown(opened, settings, again, quiet)
-    if content is None:
+    study = study_shown(opened, settings, again, quiet)
+    if study is None:
         return 1
     if json:
-        say_json(content)
+        say_json(study.content())
     else:
-        _print(content)
+        _print(study)
         say(
             f"The values at the lowest loss: {run / IDENTIFIED}; export-model, evaluate and train take this file in "
             f"place of the run."
@@ -70,11 +69,11 @@ def identify(
 
 def study_shown(
     run: FinishedRun, settings: IdentifiabilitySettings, again: bool, quiet: bool
-) -> dict[str, Any] | None:  # fmt: skip
+) -> Study | None:  # fmt: skip
     """Studies a run with its progress shown; None when it is interrupted, which is reported."""
     from swim2real.cli.tables import progress_console
     from swim2real.identification.identifiability import StudyProgress
-    from swim2real.identification.identifiability import identify as study
+    from swim2real.identification.identifiability import identify as identified
     from swim2real.interruption import Interruption
 
     console, begun = progress_console(), time.monotonic()
@@ -95,7 +94,7 @@ def study_shown(
                         f"about {left:.0f} s left"
                     )
 
-            return study(run, settings, again, show, interruption.check)
+            return identified(run, settings, again, show, interruption.check)
     except KeyboardInterrupt:
         if not quiet:
             _print_so_far(run)
@@ -120,8 +119,8 @@ def _print_so_far(run: FinishedRun) -> None:
 
 
 def ensemble(
-    runs: Positional[tuple[Path, ...]], settings: EnsembleSettings, *, reference: Path, out: Path,
-    robot: str | None = None, json: bool = False,
+    runs: Positional[tuple[Path, ...]], settings: EnsembleSettings, *, reference: opt.Reference, out: Path,
+    robot: opt.RobotOfRun = None, json: opt.Json = False,
 ) -> int:  # fmt: skip
     """Collect parameter sets that fit nearly as well as the best, as ranges for domain randomization.
 
@@ -131,10 +130,7 @@ def ensemble(
     Args:
         runs: Run folders of one robot, protocol and reference.
         settings: What decides the result.
-        reference: Folder with the real trials that the runs were made with.
         out: File to write.
-        robot: Robot file, if it has moved since the runs were written.
-        json: Print the file's content.
     """
     from swim2real.cli import tables
     from swim2real.cli.subject import robot_for
@@ -171,8 +167,8 @@ def ensemble(
 
 
 def next_trial(
-    run: Positional[Path], *, reference: Path, robot: str | None = None, out: Path | None = None, threads: int = 0,
-    seed: int = 0, json: bool = False, quiet: bool = False,
+    run: Positional[Path], *, reference: opt.Reference, robot: opt.RobotOfRun = None, out: Path | None = None,
+    threads: opt.Threads = 0, seed: int = 0, json: opt.Json = False, quiet: opt.Quiet = False,
 ) -> int:  # fmt: skip
     """Propose the trial to film next: the one that would narrow the sets that fit the most.
 
@@ -183,13 +179,8 @@ def next_trial(
 
     Args:
         run: Run folder with a study by `identify`.
-        reference: Folder with the real trials that the run was made with.
-        robot: Robot file, if it has moved since the run was written.
         out: Folder to write; by default `next` in the run folder.
-        threads: Simulations in parallel; 0 for all cores. Results don't depend on it.
         seed: Decides which of the sets are compared.
-        json: Print JSON.
-        quiet: Print no progress.
     """
     from motorline.commands import FISH, read_table
     from swim2real.cli.subject import robot_for
@@ -249,31 +240,31 @@ def _print_trials(judged: Sequence[JudgedTrial]) -> None:
         say(f"Left out: {names}; of the first, {left_out[0].reason}.")
 
 
-def _print(content: Mapping[str, Any]) -> None:
+def _print(study: Study) -> None:
     """The verdicts of a study of identifiability."""
     from swim2real.cli import tables
     from swim2real.identification.identifiability import IDENTIFIED
 
-    start, lowest = (1e3 * content[key]["loss"] for key in ("start", "lowest"))
+    start, lowest = 1e3 * study.start.loss, 1e3 * study.lowest.loss
     say(f"Lowest loss: {lowest:.2f} mm.")
     if lowest < start:
         say(
             f"That is a better fit than the run's, {start:.2f} mm, by {100 * (1 - lowest / start):.0f} %: the "
             f"intervals are about it, and its values are in {IDENTIFIED}."
         )
-    if content["doubt"]:
-        say(f"{content['doubt']}.")
+    if study.doubt:
+        say(f"{study.doubt}.")
     rows = [
-        (name, one["verdict"], "{:.3g} to {:.3g}".format(*one["interval_95"]), f"{100 * one['width']:.0f} %")
-        for name, one in content["intervals"].items()
+        (name, one.verdict, "{:.3g} to {:.3g}".format(*one.interval_95), f"{100 * one.width:.0f} %")
+        for name, one in study.intervals.items()
     ]  # fmt: skip
     tables.table("Sets that fit", ("parameter", "determined", "95 % interval", "of range"), rows)
-    found = content["directions"]
+    found = study.directions
     shown = found[:_DIRECTIONS] + found[_DIRECTIONS:][-_DIRECTIONS:]
     tables.table(
-        f"Combinations, the best determined first ({content['determined']:.1f} of {len(rows)} are determined)",
+        f"Combinations, the best determined first ({study.determined:.1f} of {len(rows)} are determined)",
         ("spread, of the range", "parameters"),
-        [(f"{100 * direction['spread']:.1f} %", _named(direction["parameters"])) for direction in shown],
+        [(f"{100 * direction.spread:.1f} %", _named(direction.parameters)) for direction in shown],
     )
 
 

@@ -6,7 +6,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from swim2real.cli.options import PUBLISHED, Positional
+from tyro.conf import Positional
+
+from swim2real.cli import options as opt
+from swim2real.cli.options import PUBLISHED
 from swim2real.cli.terminal import say, tell
 from swim2real.settings import EvaluationSettings
 from swimbase.errors import ArgumentError
@@ -22,9 +25,9 @@ SAME_FREQUENCY = 0.05  # share by which a real trial's beat may differ from the 
 
 
 def view(
-    subject: Positional[str], *, robot: str | None = None, reference: Path | None = None, trial: str | None = None,
-    frequency: float | None = None, seconds: float = 8.0, camera: Literal["above", "side", "ahead"] | None = None,
-    film: Path | None = None, width: int = 960,
+    subject: Positional[str], *, robot: opt.RobotOfValues = None, reference: Path | None = None,
+    trial: str | None = None, frequency: float | None = None, seconds: float = 8.0,
+    camera: Literal["above", "side", "ahead"] | None = None, film: Path | None = None, width: int = 960,
 ) -> int:  # fmt: skip
     """Show a robot in motion, with the real markers as ghosts, in MuJoCo's viewer, or write a film with --film.
 
@@ -33,8 +36,6 @@ def view(
 
     Args:
         subject: Run folder, parameters file, robot (its name or .toml file), MJCF model (.xml), or 'published'.
-        robot: Robot file, if it has moved since the run or the parameters file was written; with 'published', the robot
-            whose own values are used.
         reference: Folder with the real trials shown as ghosts; by default the run's own.
         trial: Name of the trial; by default the one that a run fits worst, else the one that moves most, or the one
             whose frequency is nearest to --frequency.

@@ -18,9 +18,9 @@ from pathlib import Path
 from typing import Any
 
 from swim2real.calibration import versions
-from swim2real.comparison.plan import writing
+from swim2real.comparison.plan import KEPT
 from swimbase.errors import ArgumentError, MissingExtraError, RunError, Swim2RealError
-from swimbase.store import write_text
+from swimbase.store import write_text, writing
 
 SESSION = ".session"
 _HIDDEN_TIME = 10.0  # s that a network file system may take to show a new file
@@ -40,7 +40,7 @@ def session(root: Path) -> Generator[str]:
         RunError: The disk failed.
     """
     token = uuid.uuid4().hex
-    with writing(root):
+    with writing(root, RunError, KEPT):
         write_text(root / SESSION, token)
     try:
         yield token
@@ -124,7 +124,7 @@ def dask_cluster(address: str, root: Path, token: str) -> Generator[Executor]:
             local.close()
 
 
-def versions_seen(root: Path, token: str) -> dict[str, str]:
+def _versions_seen(root: Path, token: str) -> dict[str, str]:
     """The versions of a worker's libraries; run there.
 
     Raises:
@@ -170,7 +170,7 @@ def _worker_count(address: str) -> int:
 
 def _worker_versions(client: Any, root: Path, token: str) -> Mapping[str, Mapping[str, str]]:
     try:
-        return client.run(versions_seen, root, token)
+        return client.run(_versions_seen, root, token)
     except Swim2RealError:
         raise
     except Exception as error:  # Dask wraps what a worker raises or lacks in errors of many kinds

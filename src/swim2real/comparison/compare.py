@@ -23,8 +23,8 @@ from swim2real.calibration.run_folder import RECORD, SETTINGS
 from swim2real.comparison.cluster import SESSION, SessionEnded, check_session, dask_cluster, explain_failure, session
 from swim2real.comparison.plan import PROBLEM, RUNS, Job, Plan, read_plan
 from swim2real.comparison.results import ComparisonResults, read_results, write_results
+from swim2real.methods import METHODS
 from swim2real.pipeline import calibrate
-from swim2real.pipeline.methods import METHODS
 from swim2real.processes import ProcessPool
 from swim2real.robots.read_back import check_targets
 from swim2real.robots.robot import Robot
@@ -32,7 +32,7 @@ from swim2real.settings import VlmAccess, asks_a_vlm
 from swim2real.simulation import Engine
 from swim2real.trials import TrialSet
 from swimbase.errors import RunError, Swim2RealError
-from swimbase.store import LOCK, MOST_RECORD, locked, reason, remove_leftovers, source_from, write_text
+from swimbase.store import LOCK, MOST_RECORD, locked, remove_leftovers, source_from, write_text, writing
 
 _PROGRESS_INTERVAL = 1.0  # s
 _LOCK_TIMEOUT = 60.0  # s that a run folder is waited for, which a worker taken for lost may still hold
@@ -166,13 +166,10 @@ def compare(
 def _exclusive(root: Path) -> Generator[None]:
     """Makes the folder of a comparison where there is none and keeps other comparisons out of it."""
     with ExitStack() as stack:
-        try:
+        busy = f"another process is working on comparison '{root}'; wait or use another folder"
+        with writing(root, RunError, "choose another folder", busy=busy):
             stack.enter_context(locked(root))
             remove_leftovers(root, _WRITTEN)
-        except BlockingIOError:
-            raise RunError(f"another process is working on comparison '{root}'; wait or use another folder") from None
-        except OSError as error:
-            raise RunError(f"can't write '{root}': {reason(error)}; choose another folder") from error
         yield
 
 

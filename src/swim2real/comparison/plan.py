@@ -6,21 +6,19 @@ import hashlib
 import json
 import logging
 import re
-from collections.abc import Generator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from itertools import product
 from pathlib import Path
 from typing import Any, Literal, cast
 
 from swim2real.calibration import RunFolder, protocol_for, reference_fingerprint, versions
-from swim2real.pipeline.methods import METHODS
+from swim2real.methods import ABLATION, ADVISED, METHODS, MethodName
 from swim2real.robots.fingerprint import fingerprint
 from swim2real.robots.robot import Robot
 from swim2real.settings import (
     CalibrationSettings,
     ComparisonSettings,
-    Method,
     Scale,
     asks_a_vlm,
     check_advisor,
@@ -32,13 +30,13 @@ from swim2real.trials import TrialSet
 from swimbase import checking
 from swimbase.errors import ArgumentError, RunError
 from swimbase.names import quoted
-from swimbase.store import reason, write_json
+from swimbase.store import write_json, writing
 
 FORMAT = 2
 PLAN, RUNS = "plan.json", "runs"
 PROBLEM = "problem.txt"  # in the run folder of a job that failed
-ABLATION = "no-line-search"
 NAMES: tuple[str, ...] = (*METHODS, ABLATION)
+KEPT = "what was run so far is kept, the same command goes on"  # remedy where the disk fails
 _OWN = "each protocol's own"  # start, where none is asked for
 _LONGEST = 1000  # characters of a name; an advisor may be the path of a run
 _log = logging.getLogger(__name__)
@@ -57,7 +55,7 @@ class MethodVariant:
     """
 
     name: str
-    method: Method
+    method: MethodName
     advisor: str
     max_steps: int
     scale: Scale | None
@@ -79,13 +77,12 @@ def method_variant(name: str) -> MethodVariant:
         scale = cast("Scale", ending)
     method, at, advisor = name.partition("@")
     if method not in NAMES or len(name) > _LONGEST:
-        advised = [*(name for name, entry in METHODS.items() if entry.advised), ABLATION]
         raise ArgumentError(
             f"there is no method {quoted(name if method in NAMES else method)}; there are {', '.join(NAMES)}, "
-            f"and with another advisor {', '.join(f'{one}@ADVISOR' for one in advised)}"
+            f"and with another advisor {', '.join(f'{one}@ADVISOR' for one in (*ADVISED, ABLATION))}"
             f"{checking.did_you_mean(method, NAMES)}"
         )
-    run_method = "line-search" if method == ABLATION else cast("Method", method)
+    run_method = "line-search" if method == ABLATION else method
     if at and not METHODS[run_method].advised:
         raise ArgumentError(f"method {method} has no advisor; write '{method}' without '@{advisor}'")
     if at:
@@ -103,7 +100,7 @@ def default_methods(robot: Robot) -> tuple[str, ...]:
     """Names of the methods that are compared by default: without stages for a robot that has no plan of them."""
     left_out = {name for name, method in METHODS.items() if not method.by_default}
     if robot.trials.swims is None or robot.trials.swims.fit_plan is None:
-        left_out.add("staged")
+        left_out |= {name for name, method in METHODS.items() if method.staged}
     return tuple(name for name in NAMES if name not in left_out)
 
 
@@ -269,7 +266,7 @@ class Plan:
         Raises:
             RunError: The disk failed.
         """
-        with writing(root):
+        with writing(root, RunError, KEPT):
             write_json(root / PLAN, asdict(self), indent=1)
 
 
@@ -309,22 +306,6 @@ def read_plan(root: str | Path) -> Plan | None:
         return checking.read(Plan, path, "plan", RunError, remedy)
     except ArgumentError as error:  # settings that can't be
         raise RunError(f"plan '{path}': {error}; {remedy}") from error
-
-
-@contextmanager
-def writing(place: str | Path) -> Generator[None]:
-    """Turns errors of the disk into a sentence.
-
-    Raises:
-        RunError: The disk failed.
-    """
-    try:
-        yield
-    except OSError as error:
-        raise RunError(
-            f"can't write '{error.filename or place}': {reason(error)}; what was run so far is kept, the "
-            f"same command goes on"
-        ) from error
 
 
 def folder_name(label: str) -> str:

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,13 +17,13 @@ from pydantic import Field, TypeAdapter
 from swim2real.advisor.vlm.transcript import Totals, Transcript, totals
 from swim2real.calibration import RunFolder
 from swim2real.calibration.file_models import RecordedEvaluation
-from swim2real.comparison.plan import PROBLEM, RUNS, Job, Plan, read_plan, writing
+from swim2real.comparison.plan import KEPT, PROBLEM, RUNS, Job, Plan, read_plan
 from swim2real.objective.figures import FitFigures, figure_values
 from swim2real.settings import asks_a_vlm
 from swimbase import checking
 from swimbase.errors import RunError, Swim2RealError
 from swimbase.names import quoted
-from swimbase.store import read_text, write_json, write_text
+from swimbase.store import read_text, write_json, write_text, writing
 
 FORMAT = 1
 RESULTS, TABLE = "results.json", "results.csv"
@@ -133,7 +133,7 @@ class ComparisonResults:
     budget: int
     reference: str
     missing: Mapping[str, str] = field(default_factory=dict[str, str])
-    engine: Mapping[str, Any] = field(default_factory=dict[str, Any])
+    engine: Mapping[str, object] = field(default_factory=dict[str, object])
     sensors: Mapping[str, str] = field(default_factory=dict[str, str])
     format: Literal[1] = FORMAT
 
@@ -147,7 +147,7 @@ class ComparisonResults:
             run for run in self.runs if (run.method, run.protocol) == (method, protocol) and run.held_out is not None
         )
 
-    def as_dict(self) -> dict[str, Any]:
+    def as_dict(self) -> dict[str, object]:
         """Ready for JSON. Each run has its curve of the best loss in it, too."""
         content = TypeAdapter(ComparisonResults).dump_python(self, mode="json", exclude_unset=True)
         for run, known in zip(content["runs"], self.runs, strict=True):
@@ -220,7 +220,7 @@ def write_results(results: ComparisonResults, root: str | Path) -> None:
     table = csv.DictWriter(text, columns, restval="", lineterminator="\n")
     table.writeheader()
     table.writerows(rows)
-    with writing(root):
+    with writing(root, RunError, KEPT):
         write_json(Path(root) / RESULTS, results.as_dict(), indent=1)
         write_text(Path(root) / TABLE, text.getvalue())
 
@@ -282,8 +282,8 @@ def _why_missing(job: Job) -> str:
     return f"{done} of {job.settings.budget} evaluations are done" if done else "not begun"
 
 
-def _row(run: RunResult) -> dict[str, Any]:
-    row: dict[str, Any] = {
+def _row(run: RunResult) -> dict[str, object]:
+    row: dict[str, object] = {
         "protocol": run.protocol, "method": run.method, "seed": run.seed, "held_out": run.held_out or "",
         "scale": run.scale, "evaluations": len(run.losses), "failed": sum(run.failed), "first_loss": run.losses[0],
         "best_loss": run.best_loss, "best_evaluation": run.best_evaluation, "auc": float(run.best.mean()),

@@ -162,7 +162,7 @@ class Difference:
 
 
 @dataclass(frozen=True)
-class StepStatistics:
+class _StepStatistics:
     """What became of the proposals of a line search, over all seeds.
 
     Attributes:
@@ -287,7 +287,7 @@ def evaluations_to_reach(method: MethodStatistics, errors: Sequence[float] = ERR
     return pd.DataFrame(first, method.final.index, list(errors))
 
 
-def step_statistics(runs: Sequence[RunResult]) -> StepStatistics | None:
+def step_statistics(runs: Sequence[RunResult]) -> _StepStatistics | None:
     """Rounds of a method's runs, counted together; None for a method without rounds."""
     rounds = [step_round for run in runs for step_round in run.rounds]
     if not rounds:
@@ -295,7 +295,7 @@ def step_statistics(runs: Sequence[RunResult]) -> StepStatistics | None:
     decided = [step_round for step_round in rounds if step_round.finished]
     accepted_sizes = [step_round.sizes[-1] for step_round in decided if step_round.accepted]
     sizes = sorted({size for step_round in decided for size in step_round.sizes}, reverse=True)
-    return StepStatistics(
+    return _StepStatistics(
         rounds=len(decided),
         accepted=len(accepted_sizes),
         cut_short=len(rounds) - len(decided),

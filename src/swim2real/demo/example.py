@@ -15,7 +15,7 @@ from swim2real.robots.fish import FISH
 from swim2real.settings import CalibrationSettings, TrackingSettings
 from swim2real.trials import TrialSet, load_reference
 from swimbase.errors import RunError, Swim2RealError
-from swimbase.store import reason, write_bytes
+from swimbase.store import write_bytes, writing
 
 FILMS = Path(__file__).parent / "films"  # made by examples/swims.py
 FREQUENCIES = (0.5, 0.75, 1.0, 1.25)
@@ -78,12 +78,10 @@ def track(
     videos = [folder / "videos" / f"{name}.mp4" for name in names]
     points = [video.with_suffix(".points.json") for video in videos]
     camera = folder / "camera.json"
-    try:
+    with writing(folder, RunError, what="folder"):
         (folder / "videos").mkdir(parents=True, exist_ok=True)
         for place in (camera, *videos, *points):
             write_bytes(place, (Path(films) / place.name).read_bytes())
-    except OSError as error:
-        raise RunError(f"can't write folder '{folder}': {reason(error)}") from error
     callbacks.line(f"Tracking the markers in {len(videos)} films of a fish with hidden parameters")
     results = track_videos(
         videos, points, FISH, TrackingSettings(camera=camera), folder / "reference",

@@ -107,14 +107,12 @@ def spread_out(members: Sequence[Member], count: int) -> list[Member]:
 
 def write_ensemble(path: str | Path, content: dict[str, Any]) -> None:
     """Writes an ensemble, whole or not at all."""
-    try:
+    with store.writing(path, RunError, what="ensemble"):
         store.write_json(path, content)
-    except OSError as error:
-        raise RunError(f"can't write ensemble '{path}': {error.strerror or error}") from error
 
 
 class _MemberFile(BaseModel):
-    parameters: dict[str, Any]
+    parameters: dict[str, object]
 
 
 class _EnsembleFile(BaseModel):
@@ -139,7 +137,7 @@ def read_ensemble(path: str | Path, robot: Robot) -> list[Values]:
     ]
 
 
-def _common_conditions(runs: Sequence[FinishedRun]) -> dict[str, Any]:
+def _common_conditions(runs: Sequence[FinishedRun]) -> dict[str, object]:
     if not runs:
         raise ArgumentError("an ensemble needs at least one run")
     first = runs[0].conditions()
@@ -175,7 +173,7 @@ def _near(members: Sequence[Member], limit: float) -> list[Member]:
     return kept
 
 
-def _ranges(run: FinishedRun, values: Array) -> dict[str, dict[str, Any]]:
+def _ranges(run: FinishedRun, values: Array) -> dict[str, dict[str, str | float]]:
     quantiles = np.percentile(values, (0, 5, 50, 95, 100), axis=0).T
     names = ("min", "p5", "median", "p95", "max")
     return {

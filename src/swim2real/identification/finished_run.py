@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 from swim2real.calibration.file_models import RecordedEvaluation
 from swim2real.calibration.problem import Problem
@@ -42,7 +41,7 @@ class FinishedRun:
         """The record's entry of the lowest loss, the first of several."""
         return min(self.record, key=lambda entry: entry.loss)
 
-    def conditions(self) -> dict[str, Any]:
+    def conditions(self) -> dict[str, object]:
         """What decides a loss, for the file of a study: robot, protocol, trials, reference and engine."""
         conditions = {
             "robot": self.settings.robot,

@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -91,7 +91,7 @@ class Direction(BaseModel):
     parameters: dict[str, FiniteFloat]
 
 
-class PredictedSpeeds(BaseModel):
+class _PredictedSpeeds(BaseModel):
     """Steady forward speed over the frequency of the motor, by the sets that fit.
 
     Attributes:
@@ -139,7 +139,7 @@ class Study(BaseModel, extra="allow"):
     weight: FiniteFloat = 0.0
     draws: list[list[Share]] = []
     checked: list[_Point] = []
-    speeds: PredictedSpeeds | None = None
+    speeds: _PredictedSpeeds | None = None
 
     @model_validator(mode="after")
     def _one_number_per_parameter(self) -> Self:
@@ -148,7 +148,11 @@ class Study(BaseModel, extra="allow"):
             raise ValueError("a point has another number of coordinates than there are 'parameters'")
         return self
 
-    def difference(self, conditions: Mapping[str, Any]) -> str:
+    def content(self) -> dict[str, object]:
+        """The file's content, without what isn't known yet."""
+        return self.model_dump(mode="json", exclude_unset=True)
+
+    def difference(self, conditions: Mapping[str, object]) -> str:
         """What the study was made with that is another now, with its values then and now; empty where nothing is."""
         content = self.model_dump(mode="json")
         for key, value in conditions.items():
@@ -176,7 +180,7 @@ class StudyProgress:
 def identify(
     run: FinishedRun, settings: IdentifiabilitySettings | None = None, again: bool = False,
     on_progress: Callable[[StudyProgress], None] = lambda progress: None, check: Callable[[], None] = lambda: None,
-) -> dict[str, Any]:  # fmt: skip
+) -> Study:  # fmt: skip
     """Studies a run, or goes on with the study that is there, into identifiability.json of its folder.
 
     The point with the lowest loss is also a parameters file, identified.json.
@@ -227,28 +231,24 @@ class _Studying:
         self._evaluated: list[EvaluatedPoint] = []
         self._given = 0
         start = _start(run)
-        self._state: dict[str, Any] = {
+        self._study = Study.model_validate({
             "format": FORMAT, **run.conditions(), "settings": asdict(settings), "start": start, "lowest": start,
             "complete": False, "evaluations": 0,
-        }  # fmt: skip
+        })  # fmt: skip
 
-    def run(self, again: bool) -> dict[str, Any]:
-        if not again:
-            earlier = self._earlier()
-            if earlier is not None and earlier.complete:
-                content = earlier.model_dump(mode="json")
-                self._write(content)
-                return content
+    def run(self, again: bool) -> Study:
+        earlier = None if again else self._earlier()
+        if earlier is not None and earlier.complete:
+            self._write(earlier)
+            return earlier
         blocks = self._run.problem.blocks()
         found = draw(
             self._evaluate, self._first, lambda residual: independent_numbers(residual, blocks), self._settings.rounds,
             self._settings.seed, self._check,
         )  # fmt: skip
-        self._state |= self._content(found)
-        self._state |= {"complete": True, "versions": versions(), "commit": commit()}
-        self._state["created"] = datetime.now(UTC).isoformat(timespec="seconds")
-        self._write(self._state)
-        return self._state
+        self._study = self._completed(found)
+        self._write(self._study)
+        return self._study
 
     def _evaluate(self, points: Sequence[Array]) -> list[EvaluatedPoint]:
         """Evaluates points, those apart that an interrupted study evaluated before."""
@@ -258,7 +258,7 @@ class _Studying:
                 try:
                     for one in evaluated(self._run.problem, self._run.space, missing):
                         self._take(one)
-                        self._tell(StudyProgress(len(self._evaluated), self._most, self._state["lowest"]["loss"]))
+                        self._tell(StudyProgress(len(self._evaluated), self._most, self._study.lowest.loss))
                         self._check()
                 finally:
                     self._keep()
@@ -267,20 +267,19 @@ class _Studying:
 
     def _take(self, one: EvaluatedPoint) -> None:
         self._evaluated.append(one)
-        self._state["evaluations"] = len(self._evaluated)
-        if not one.failed and one.loss < self._state["lowest"]["loss"]:
-            self._state["lowest"] = {"point": one.point.tolist(), "loss": one.loss}
+        self._study.evaluations = len(self._evaluated)
+        if not one.failed and one.loss < self._study.lowest.loss:
+            self._study.lowest = _Point(point=one.point.tolist(), loss=one.loss)
 
     def _keep(self) -> None:
         arrays = {
             "points": [one.point for one in self._evaluated], "losses": [one.loss for one in self._evaluated],
             "residuals": [one.residual for one in self._evaluated], "failed": [one.failed for one in self._evaluated],
         }  # fmt: skip
-        try:
-            store.write_arrays(self._run.folder.path / EVALUATED, arrays)
-        except OSError as error:
-            raise RunError(f"can't write '{EVALUATED}': {store.reason(error)}; the same command goes on") from error
-        self._write(self._state)
+        place = self._run.folder.path / EVALUATED
+        with store.writing(place, RunError, "the same command goes on"):
+            store.write_arrays(place, arrays)
+        self._write(self._study)
 
     def _earlier(self) -> Study | None:
         """The study that is on the disk, None where there is none; what it evaluated is taken over."""
@@ -288,8 +287,8 @@ class _Studying:
         if not path.is_file():
             return None
         study = read_study(path)
-        keys = (*self._run.conditions(), "settings", "start")
-        if changed := study.difference({key: self._state[key] for key in keys}):
+        wanted = {**self._run.conditions(), "settings": asdict(self._settings), "start": _start(self._run)}
+        if changed := study.difference(wanted):
             raise RunError(f"'{path}' is a study with {changed}; begin anew with --again")
         kept = self._run.folder.path / EVALUATED
         if not study.complete and kept.is_file():
@@ -302,7 +301,7 @@ class _Studying:
                 raise RunError(f"'{kept}' can't be read: {error}; begin anew with --again") from error
         return study
 
-    def _content(self, found: Posterior) -> dict[str, Any]:
+    def _completed(self, found: Posterior) -> Study:
         space, problem = self._run.space, self._run.problem
         noise = noise_of(problem.trials, problem.robot.trials.sensors)
         within = {share: interval(found.draws, share) for share in _SHARES}
@@ -312,30 +311,37 @@ class _Studying:
         ends = ends_of(self._run.folder.record(), self._run.folder.outcome())
         doubt = doubted(misfit, noise, found.lowest.loss, ends)
         intervals = {
-            name: {
-                "median": float(median[i]),
-                **{f"interval_{share}": [float(end[i]) for end in both] for share, both in values.items()},
-                "width": float(within["95"][1][i] - within["95"][0][i]),
-                "verdict": _verdict(float(within["95"][1][i] - within["95"][0][i]), not doubt),
-            }
+            name: Interval.model_validate(
+                {
+                    "median": float(median[i]),
+                    **{f"interval_{share}": [float(end[i]) for end in both] for share, both in values.items()},
+                    "width": float(within["95"][1][i] - within["95"][0][i]),
+                    "verdict": _verdict(float(within["95"][1][i] - within["95"][0][i]), not doubt),
+                }
+            )
             for i, name in enumerate(space.names)
         }
         axes = directions(found.draws, space.names)
         kept = found.draws[np.linspace(0, len(found.draws) - 1, _KEPT).astype(int)]
-        return {
+        content = {
+            "complete": True,
             "intervals": intervals,
             "directions": axes,
-            "determined": sum(1 - one["spread"] ** 2 for one in axes),
+            "determined": sum(1 - one.spread**2 for one in axes),
             "doubt": doubt,
             "weight": found.weight / len(problem.trials),  # of the mean square of one trial [1/m²]
             "noise": noise,
             "misfit": misfit,
             "draws": np.round(kept, 6).tolist(),
-            "checked": [{"point": one.point.tolist(), "loss": one.loss} for one in found.checked],
+            "checked": [_Point(point=one.point.tolist(), loss=one.loss) for one in found.checked],
             "speeds": self._predicted(kept),
+            "versions": versions(),
+            "commit": commit(),
+            "created": datetime.now(UTC).isoformat(timespec="seconds"),
         }
+        return self._study.model_copy(update=content)
 
-    def _predicted(self, draws: Array) -> dict[str, Any] | None:
+    def _predicted(self, draws: Array) -> _PredictedSpeeds | None:
         """Speeds of steady swims that some of the sets predict, a third beyond the trials' frequencies."""
         problem = self._run.problem
         filmed = [trial.nominal_frequency for trial in problem.trials]
@@ -352,16 +358,15 @@ class _Studying:
         speeds = [[trial.track.speed for trial in trials] for trials in made if not any(t.divergence for t in trials)]
         if not speeds:
             return None
-        return {"frequencies": frequencies, "speeds": np.percentile(speeds, (5, 50, 95), axis=0).tolist()}
+        ends = np.percentile(speeds, (5, 50, 95), axis=0)
+        return _PredictedSpeeds(frequencies=frequencies, speeds=ends.tolist())
 
-    def _write(self, state: dict[str, Any]) -> None:
-        self._run.folder.write_json(IDENTIFIABILITY, state)
-        place, lowest = self._run.folder.path / IDENTIFIED, state["lowest"]
-        try:
-            write_fit(place, self._run.problem, self._run.space.to_values(lowest["point"]), loss=lowest["loss"])
-        except OSError as error:
-            raise RunError(f"can't write '{place}': {store.reason(error)}; the same command goes on") from error
-        if state["complete"]:
+    def _write(self, study: Study) -> None:
+        self._run.folder.write_json(IDENTIFIABILITY, study.content())
+        place, lowest = self._run.folder.path / IDENTIFIED, study.lowest
+        with store.writing(place, RunError, "the same command goes on"):
+            write_fit(place, self._run.problem, self._run.space.to_values(lowest.point), loss=lowest.loss)
+        if study.complete:
             (self._run.folder.path / EVALUATED).unlink(missing_ok=True)
 
 
@@ -417,26 +422,21 @@ def _verdict(width: float, explained: bool) -> str:
     return "not identified" if width >= _OPEN else "identified" if width <= _KNOWN and explained else "weak"
 
 
-def directions(draws: Array, names: Sequence[str]) -> list[dict[str, Any]]:
-    """Principal axes of sets, the one that is determined best first.
+def directions(draws: Array, names: Sequence[str]) -> list[Direction]:
+    """Principal axes of sets, the one that is determined best first, as much wider as 95 % intervals are.
 
     Args:
         draws: Points of the unit cube. Shape (K, d).
         names: Of the parameters.
-
-    Returns:
-        For each the `spread`, the standard deviation along it, as much wider as 95 % intervals are and relative to that
-        of a parameter that nothing determines, and the `parameters` that hold most of it with their shares of the
-        vector, the largest first.
     """
     values, vectors = np.linalg.eigh(np.atleast_2d(np.cov(draws.T)))
-    found: list[dict[str, Any]] = []
+    found: list[Direction] = []
     for value, vector in zip(values, vectors.T, strict=True):
         order = np.argsort(-np.abs(vector))
         count = int(np.searchsorted(np.cumsum(vector[order] ** 2), _NAMED)) + 1
         sign = np.sign(vector[order[0]])
-        held = {names[i]: float(sign * vector[i]) for i in order[:count]}
-        found.append({"spread": float(np.sqrt(np.clip(12 * _WIDER**2 * value, 0.0, 1.0))), "parameters": held})
+        held = {names[int(i)]: float(sign * vector[i]) for i in order[:count]}
+        found.append(Direction(spread=float(np.sqrt(np.clip(12 * _WIDER**2 * value, 0.0, 1.0))), parameters=held))
     return found
 
 
@@ -450,7 +450,7 @@ def outdated(run: FinishedRun) -> bool:
     return path.is_file() and bool(read_study(path).difference({"start": _start(run)}))
 
 
-def _start(run: FinishedRun) -> dict[str, Any]:
+def _start(run: FinishedRun) -> dict[str, object]:
     return {"point": list(run.best.point), "loss": run.best.loss}
 
 

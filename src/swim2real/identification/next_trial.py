@@ -194,12 +194,10 @@ def write_next(folder: Path, run: FinishedRun, judged: Sequence[JudgedTrial]) ->
         "versions": versions(), "commit": commit(), "created": datetime.now(UTC).isoformat(timespec="seconds"),
     }  # fmt: skip
     columns = column_names(run.problem.robot, ranked[0].possible.columns)
-    try:
+    with store.writing(folder, RunError, "give another folder with --out"):
         folder.mkdir(parents=True, exist_ok=True)
         write_table(folder / COMMANDS, CommandTable.of({name: column.tolist() for name, column in columns.items()}))
         store.write_json(folder / NEXT, content)
-    except OSError as error:
-        raise RunError(f"can't write to '{folder}': {store.reason(error)}; give another folder with --out") from error
     return content
 
 

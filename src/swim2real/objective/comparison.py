@@ -125,7 +125,7 @@ def evidence(comparison: Comparison) -> dict[str, Any]:
 def rounded(value: Any) -> Any:
     """Plain lists and numbers for JSON, None for NaN."""
     if isinstance(value, dict):
-        return {key: rounded(inner) for key, inner in cast("dict[str, Any]", value).items()}
+        return {key: rounded(inner) for key, inner in cast("dict[str, object]", value).items()}
     if isinstance(value, np.ndarray | list | tuple):
         return [rounded(inner) for inner in cast("Sequence[Any]", value)]
     if isinstance(value, bool | np.bool_):

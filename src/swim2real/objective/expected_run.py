@@ -146,7 +146,7 @@ Row = tuple[float | None, float | None, float | None, float | None]
 
 
 @dataclass(frozen=True)
-class RealRun:
+class _RealRun:
     """What a real robot did, beside what was expected.
 
     Attributes:
@@ -175,7 +175,7 @@ class RealRun:
     sentence: str
 
 
-def compare_run(expected: ExpectedRun, trials: TrialSet, trial: Trial, begin: float | None = None) -> RealRun:
+def compare_run(expected: ExpectedRun, trials: TrialSet, trial: Trial, begin: float | None = None) -> _RealRun:
     """Compares a real run with the expected one.
 
     Args:
@@ -229,7 +229,7 @@ def compare_run(expected: ExpectedRun, trials: TrialSet, trial: Trial, begin: fl
     nearest = None if expected.goal is None else float(np.hypot(*(path - np.array(expected.goal)).T).min())
     one, other = (len(find_peaks(each, prominence=_SWING)[0]) for each in (expected.heading.expected, heading[:n]))
     beats = one, other
-    return RealRun(
+    return _RealRun(
         trial.name, None if unknown else came, float(grid[n - 1]), beats, float(np.sqrt(off.mean())),
         None if expected.sets == 1 else float(inside.mean()), nearest, rows,
         f"{trial.name}: {_sentence(rows, nearest, unknown, expected.seconds, float(grid[n - 1]), beats)}",

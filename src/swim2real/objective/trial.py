@@ -416,7 +416,7 @@ class ComparedTrial:
             figures |= {"left_out_share": self.left_out_share, "unweighted_error": self.unweighted_error}
         return {**figures, "loss": self.loss, "divergence": self.divergence}
 
-    def evidence(self) -> dict[str, Any]:
+    def evidence(self) -> dict[str, object]:
         """What tells more than the figures: errors of each marker, and how real and simulated markers move.
 
         `seen_shares` are each marker's shares of frames that count.
@@ -426,7 +426,7 @@ class ComparedTrial:
         `windows`: the `edges` of windows of time [s], the mean residual in them of all `markers` along both axes [m]
         and of all `sensors` [unit].
         """
-        evidence: dict[str, Any] = {}
+        evidence: dict[str, object] = {}
         if self.head is not None:
             evidence["motion_marker_errors"] = self.marker_errors("motion")
         if self.beat is not None:
@@ -455,7 +455,7 @@ class ComparedTrial:
         }
         return evidence
 
-    def _beats(self, name: str, compared: ComparedBeat, real: Array, simulated: Array) -> dict[str, Any]:
+    def _beats(self, name: str, compared: ComparedBeat, real: Array, simulated: Array) -> dict[str, object]:
         """The fundamental of each marker's motion on both sides, each at its own frequency."""
         return {
             f"{name}_real": beat(self.times, real, self.weights, compared.real_frequency),

@@ -32,13 +32,13 @@ class Proposal:
     point: Array
     diagnosis: str = ""
     reasoning: str = ""
-    notes: Mapping[str, Any] = field(default_factory=dict[str, Any])
+    notes: Mapping[str, Any] = field(default_factory=dict[str, object])
     step_sizes: tuple[float, ...] = ()
     alternatives: tuple[Proposal, ...] = ()
 
-    def as_dict(self) -> dict[str, Any]:
+    def as_dict(self) -> dict[str, object]:
         """Ready for JSON; `from_dict` reads it back to the last bit."""
-        content: dict[str, Any] = {
+        content: dict[str, object] = {
             "point": [float(x) for x in self.point],
             "diagnosis": self.diagnosis,
             "reasoning": self.reasoning,
@@ -68,7 +68,7 @@ class Measurement:
     """
 
     point: Array
-    notes: Mapping[str, Any] = field(default_factory=dict[str, Any])
+    notes: Mapping[str, Any] = field(default_factory=dict[str, object])
 
     @classmethod
     def of_one(cls, here: Array, index: int, name: str, change: float | None = None) -> Measurement:

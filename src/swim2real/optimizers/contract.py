@@ -58,7 +58,7 @@ class Candidate:
     """
 
     point: Array
-    note: Mapping[str, Any] = field(default_factory=dict[str, Any])
+    note: Mapping[str, Any] = field(default_factory=dict[str, object])
 
 
 @dataclass(frozen=True)

@@ -30,7 +30,7 @@ Search: TypeAlias = Generator[list[Candidate], list[Evaluation], Result]
 
 
 @dataclass(frozen=True)
-class Pace:
+class _Pace:
     """How fast a descent gives up.
 
     Attributes:
@@ -44,10 +44,10 @@ class Pace:
     trust_shrink: float
 
 
-PATIENT = Pace(12, 0.9, 0.98)  # on rough ground, where the lie of the land shows from afar only
-BRIEF = Pace(8, 0.9, 0.98)
-SMOOTH = Pace(8, 0.7, 0.85)  # on what changes smoothly
-EXACT = Pace(6, 0.5, 0.7)  # to the bottom of what is smooth
+PATIENT = _Pace(12, 0.9, 0.98)  # on rough ground, where the lie of the land shows from afar only
+BRIEF = _Pace(8, 0.9, 0.98)
+SMOOTH = _Pace(8, 0.7, 0.85)  # on what changes smoothly
+EXACT = _Pace(6, 0.5, 0.7)  # to the bottom of what is smooth
 
 
 def together(searches: Sequence[Search[Result]]) -> Search[list[Result]]:
@@ -82,7 +82,7 @@ def surround(base: Evaluation, radius: float, note: Mapping[str, Any]) -> Search
 
 
 def go_down(
-    points: Surrounded, stage: int, pace: Pace, note: Mapping[str, Any], trust: float = 0.0
+    points: Surrounded, stage: int, pace: _Pace, note: Mapping[str, Any], trust: float = 0.0
 ) -> Search[Evaluation]:
     """Lowers one stage of the residual, and returns the best evaluation.
 

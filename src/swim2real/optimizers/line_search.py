@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
@@ -121,7 +120,7 @@ class BacktrackingLineSearch(Optimizer):
         step_size = self._step_size(self._proposal)
         start = descent.incumbent.candidate.point
         point = cube_point(np.clip(start + step_size * (self._proposal.point - start), 0.0, 1.0))
-        note: dict[str, Any] = {"source": "line search", "round": self._count + 1, "step_size": step_size}
+        note: dict[str, object] = {"source": "line search", "round": self._count + 1, "step_size": step_size}
         if not self._steps:
             note["proposal"] = self._proposal.as_dict()
         return Candidate(point, note)

@@ -24,9 +24,9 @@ class _Content(BaseModel):
     format: Literal[1]
     robot: str
     robot_file: PathText | None = None
-    parameters: dict[str, Any]
+    parameters: dict[str, object]
     engine: str | None = None
-    physics: dict[str, Any] | None = None
+    physics: dict[str, object] | None = None
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class ParametersFile:
 
     values: dict[str, float]
     engine: str | None
-    physics: dict[str, Any] | None
+    physics: dict[str, object] | None
     path: Path
 
 

@@ -27,14 +27,14 @@ from swim2real.checks.delays import delays
 from swim2real.checks.mistakes import judged
 from swim2real.checks.probing import growing
 from swim2real.checks.resting import other_start, started
+from swim2real.methods import ADVISED, METHODS
 from swim2real.optimizers import ScriptedAdvisor, recorded_advice
 from swim2real.parameters import read_parameters
-from swim2real.pipeline.methods import METHODS, default_starts, make_optimizer
+from swim2real.pipeline.methods import default_starts, make_optimizer
 from swim2real.robots.fingerprint import fingerprint
 from swim2real.robots.read_back import check_targets
 from swim2real.robots.robot import Robot
 from swim2real.settings import (
-    ADVISED,
     FIRST,
     FROM_FILE,
     MINUTES,
@@ -109,7 +109,7 @@ def calibrate(
         on_advisor, resolved.budget, resolved.method == "proposal-search",
     )  # fmt: skip
     advisor = None
-    if METHODS[resolved.chosen_method].advised:
+    if resolved.method in ADVISED:
         advisor = make_advisor(resolved.advisor, robot, space, resolved.seed, context)
         advisor = ProbingAdvisor(advisor, space, resolved.probes) if resolved.probes else advisor
     with folder.locked():

@@ -23,7 +23,7 @@ from swim2real.robots.targets import class_name
 from swim2real.robots.urdf import plain_urdf
 from swimbase.errors import RobotError, Swim2RealError
 from swimbase.names import label_fault, quoted
-from swimbase.store import reason
+from swimbase.store import reason, writing
 
 _UPRIGHT = 0.99  # the vertical part of a hinge's axis about which nothing tilts
 _REST_SHARE = 0.1  # by which the place of markers counts for the camera, beside their motion
@@ -110,10 +110,8 @@ def write_draft(draft: Draft, model: Path, out: Path) -> None:
     Raises:
         RobotError: It can't be written.
     """
-    try:
+    with writing(out, RobotError, what="robot file"):
         out.write_text(draft.text(_way(model, out.parent)), encoding="utf-8")
-    except OSError as error:
-        raise RobotError(f"robot file '{out}' can't be written: {error.strerror or error}") from error
 
 
 def _check_names(spec: mujoco.MjSpec, path: Path) -> None:

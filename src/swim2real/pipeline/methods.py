@@ -1,13 +1,14 @@
-"""The methods of calibration: one entry each, with how it is made and what a comparison needs to know of it."""
+"""The optimizers of the methods of calibration, made of a run's settings."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import pkgutil
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from swim2real.methods import METHODS
 from swim2real.optimizers import (
     Advisor,
     BacktrackingLineSearch,
@@ -25,10 +26,10 @@ from swim2real.optimizers import (
     streams,
 )
 from swim2real.optimizers.callback import CallbackSolver
-from swim2real.optimizers.mujoco_sysid import least_squares
+from swim2real.optimizers.mujoco_sysid import least_squares as solver
 from swim2real.parameters import ParameterSpace, Values
 from swim2real.robots.robot import Robot
-from swim2real.settings import PAPER_BUDGET, CalibrationSettings, Method
+from swim2real.settings import PAPER_BUDGET, CalibrationSettings
 from swimbase.errors import ArgumentError
 
 Array = NDArray[np.float64]
@@ -38,8 +39,8 @@ _STARTS_PER_PARAMETER = 2.5  # of method multi-start
 
 
 @dataclass(frozen=True)
-class _Start:
-    """What an optimizer is made of.
+class Start:
+    """Parts that an optimizer is made of.
 
     Attributes:
         robot: Robot whose simulator is calibrated.
@@ -56,25 +57,6 @@ class _Start:
     first: Array
     rng: np.random.Generator
     advisor: Advisor | None
-
-
-@dataclass(frozen=True)
-class MethodEntry:
-    """A method of calibration.
-
-    Attributes:
-        make: Makes its optimizer.
-        advised: Whether an advisor proposes.
-        planned_by_budget: Whether a run can't go on with another budget.
-        cost: Duration of an evaluation relative to a random search's, with what the method itself takes.
-        by_default: Whether a comparison has it where no methods are named.
-    """
-
-    make: Callable[[_Start], Optimizer]
-    advised: bool = False
-    planned_by_budget: bool = False
-    cost: float = 1.0
-    by_default: bool = True
 
 
 def make_optimizer(
@@ -103,7 +85,9 @@ def make_optimizer(
         first = space.to_cube(begin)
     _, rng, _ = streams(settings.seed)
     budget = settings.budget
-    optimizer = METHODS[settings.chosen_method].make(_Start(robot, space, settings, first, rng, advisor))
+    optimizer = pkgutil.resolve_name(METHODS[settings.chosen_method].make)(
+        Start(robot, space, settings, first, rng, advisor)
+    )
     if settings.finish and budget is not None:
         later = np.random.default_rng([settings.seed, budget])
         return Sequel(optimizer, budget, lambda best: _spread_starts(robot, best, later))
@@ -115,14 +99,23 @@ def default_starts(dimension: int, budget: int) -> int:
     return max(1, min(2 * dimension, budget // 10))
 
 
-def _advised(start: _Start) -> Optimizer:
+def line_search(start: Start) -> Optimizer:
+    """The method line-search."""
+    return _descent(start, BacktrackingLineSearch)
+
+
+def _descent(start: Start, kind: type[BacktrackingLineSearch | ProposalSearch]) -> Optimizer:
     if start.advisor is None:
         raise ArgumentError(f"method {start.settings.method} needs an advisor")
-    search = ProposalSearch if start.settings.method == "proposal-search" else BacktrackingLineSearch
-    return search(
+    return kind(
         start.advisor, start.first, max_steps=start.settings.max_steps,
         more_starts=_spread(len(start.space), (start.settings.starts or 1) - 1, start.rng),
     )  # fmt: skip
+
+
+def proposal_search(start: Start) -> Optimizer:
+    """The method proposal-search."""
+    return _descent(start, ProposalSearch)
 
 
 def _spread_starts(robot: Robot, first: Array, rng: np.random.Generator) -> MultiStart:
@@ -137,8 +130,8 @@ def _spread(dimension: int, count: int, rng: np.random.Generator) -> list[Array]
     return list((layers + rng.random((count, dimension))) / max(count, 1))
 
 
-def _staged(start: _Start) -> Optimizer:
-    """The robot's plan of stages in the unit cube."""
+def staged(start: Start) -> Optimizer:
+    """The method staged: the robot's plan of stages in the unit cube."""
     robot, space = start.robot, start.space
     plan = robot.swims.fit_plan
     if plan is None:
@@ -155,18 +148,31 @@ def _staged(start: _Start) -> Optimizer:
     return Staged(start.first, stages, start.settings.budget or PAPER_BUDGET, BayesianOptimization, start.rng, held)
 
 
-METHODS: dict[Method, MethodEntry] = {
-    "line-search": MethodEntry(_advised, advised=True),
-    "proposal-search": MethodEntry(_advised, advised=True, by_default=False),
-    "random": MethodEntry(lambda start: RandomSearch(len(start.space), start.rng, start.first)),
-    # begins where its own population does, as in the paper
-    "cma-es": MethodEntry(lambda start: CmaEs(len(start.space), start.rng)),
-    "bayesopt": MethodEntry(lambda start: BayesianOptimization(len(start.space), start.rng, start.first), cost=3.0),
-    "least-squares": MethodEntry(lambda start: LeastSquares(start.first, start.rng)),
-    "multi-start": MethodEntry(lambda start: _spread_starts(start.robot, start.first, start.rng), by_default=False),
-    "mujoco-sysid": MethodEntry(
-        lambda start: CallbackSolver(start.first, start.rng, least_squares(start.space), "mujoco.sysid"),
-        by_default=False,
-    ),
-    "staged": MethodEntry(_staged, planned_by_budget=True, cost=2.0),
-}
+def random_search(start: Start) -> Optimizer:
+    """The method random, which also evaluates the first point."""
+    return RandomSearch(len(start.space), start.rng, start.first)
+
+
+def cma_es(start: Start) -> Optimizer:
+    """The method cma-es, which begins where its own population does, as in the paper."""
+    return CmaEs(len(start.space), start.rng)
+
+
+def bayesopt(start: Start) -> Optimizer:
+    """The method bayesopt."""
+    return BayesianOptimization(len(start.space), start.rng, start.first)
+
+
+def least_squares(start: Start) -> Optimizer:
+    """The method least-squares."""
+    return LeastSquares(start.first, start.rng)
+
+
+def multi_start(start: Start) -> Optimizer:
+    """The method multi-start."""
+    return _spread_starts(start.robot, start.first, start.rng)
+
+
+def mujoco_sysid(start: Start) -> Optimizer:
+    """The method mujoco-sysid."""
+    return CallbackSolver(start.first, start.rng, solver(start.space), "mujoco.sysid")

@@ -64,7 +64,7 @@ def write_overlays(
         files.append(path)
         on_file(path)
 
-    try:
+    with store.writing(out, ArgumentError, "choose another folder"):
         out.mkdir(parents=True, exist_ok=True)
         for scene in album.trials:
             film, sheet = out / f"{scene.name}.mp4", out / f"{scene.name}.png"
@@ -74,8 +74,6 @@ def write_overlays(
             done(sheet)
         store.write_bytes(out / ALL, to_png(album.overview(_MOMENTS, _SMALL_TILE)))
         done(out / ALL)
-    except OSError as error:
-        raise ArgumentError(f"can't write '{out}': {store.reason(error)}; choose another folder") from error
     return files
 
 
@@ -129,10 +127,8 @@ def draw_on_film(
     (compared,), (trial,) = problem.evaluate(values).trials, problem.trials
     if compared.divergence is not None:
         raise TrialError(f"trial '{trial.name}': the simulation diverged: {compared.divergence}; nothing can be drawn")
-    try:
+    with store.writing(out, ArgumentError, "choose another folder"):
         out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise ArgumentError(f"can't write '{out}': {store.reason(error)}; choose another folder") from error
     target, count = out / f"{trial.name}.on-film.mp4", len(compared.times)
     real = trial.track.positions[:count]
     with VideoReader(video, fps=trial.film_rate) as reader:

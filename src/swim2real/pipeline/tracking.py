@@ -36,7 +36,7 @@ from swim2real.trials.signals import MEMORY, read_signals
 from swim2real.trials.timebase import TABLES, Timebase, by_stamps, contradictions
 from swimbase.errors import ArgumentError, TrackingError, TrialError
 from swimbase.names import composed
-from swimbase.store import read_json, reason, write_json
+from swimbase.store import read_json, write_json, writing
 
 TRACKS = "tracks"
 _ENDS = 1 << 20  # bytes of a video's beginning and end that tell it from others
@@ -249,8 +249,6 @@ def _finished(path: Path, fingerprint: str, folder: Path, name: str) -> Tracking
 def _check_writable(folder: Path) -> None:
     """Refuses a folder that can't be made or written; makes nothing."""
     there = next(place for place in (folder, *folder.absolute().parents) if place.exists())
-    try:
-        with TemporaryFile(dir=there):  # without a name, so that an interruption leaves nothing
-            pass
-    except OSError as error:
-        raise TrackingError(f"can't write folder '{folder}': {reason(error)}; choose another with --to") from error
+    # the file has no name, so that an interruption leaves nothing
+    with writing(folder, TrackingError, "choose another with --to", what="folder"), TemporaryFile(dir=there):
+        pass

@@ -73,5 +73,4 @@ def _backward(robot: Robot, values: Values) -> str | None:
     if robot.trials.swims is None or robot.trials.swims.motor_joint is None:
         return None
     fastest = next(iter(policy_setup(robot).actuators.values())).upper
-    swims = from_rest(Simulator(robot, 1), values, {"fastest": fastest / math.tau})
-    return backward_from_rest({name: swim.as_dict() for name, swim in swims.items()})
+    return backward_from_rest(from_rest(Simulator(robot, 1), values, {"fastest": fastest / math.tau}))

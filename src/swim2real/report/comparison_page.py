@@ -30,7 +30,7 @@ COMPARISON = "comparison.html"
 
 
 @dataclass(frozen=True)
-class Board:
+class _Board:
     """What the page shows of one protocol.
 
     Attributes:
@@ -47,7 +47,7 @@ class Board:
 
 
 @dataclass(frozen=True)
-class ComparisonPage(PageContext):
+class _ComparisonPage(PageContext):
     """Everything that the page shows.
 
     Attributes:
@@ -62,7 +62,7 @@ class ComparisonPage(PageContext):
 
     results: ComparisonResults
     seeds: list[int]
-    boards: list[Board]
+    boards: list[_Board]
     styles: dict[str, MethodStyle]
     runs: Table
     pages: list[str]
@@ -89,16 +89,16 @@ def write_comparison_report(folder: str | Path, theory: Mapping[str, float] | No
 
 def comparison_context(
     results: ComparisonResults, folder: Path, theory: Mapping[str, float] | None = None
-) -> ComparisonPage:
+) -> _ComparisonPage:
     """Everything that the template shows."""
     styles = method_styles(results.methods)
-    boards: list[Board] = []
+    boards: list[_Board] = []
     charts: Charts = {}
     for protocol in results.protocols:
         methods = method_statistics(results, protocol)
         description = PROTOCOLS[protocol]
         made = {table.key: table for table in tables(results, protocol, theory)}
-        boards.append(Board(protocol, description, verdict(methods), made))
+        boards.append(_Board(protocol, description, verdict(methods), made))
         if not methods:
             continue
         charts |= {
@@ -108,7 +108,7 @@ def comparison_context(
         }
         if description.has_frequencies:
             charts[f"velocity-{protocol}"] = partial(velocity, methods, styles, theory, WIDE)
-    return ComparisonPage(
+    return _ComparisonPage(
         title=folder.resolve().name,
         charts=charts,
         results=results,

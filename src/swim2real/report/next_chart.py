@@ -16,7 +16,7 @@ CHART = "next.png"
 _ROW = 0.17  # inches
 
 
-def volumes(trials: Sequence[Mapping[str, Any]]) -> Figure:
+def _volumes(trials: Sequence[Mapping[str, Any]]) -> Figure:
     """Expected volume of the sets' region by trial, the first one highlighted.
 
     Args:
@@ -37,8 +37,5 @@ def write_chart(folder: Path, trials: Sequence[Mapping[str, Any]]) -> None:
     Raises:
         RunError: It can't be written.
     """
-    try:
-        with paper_style(), store.whole_file(folder / CHART) as part:
-            volumes(trials).savefig(part, format="png", dpi=200, metadata={"Software": None})
-    except OSError as error:
-        raise RunError(f"can't write '{folder / CHART}': {store.reason(error)}") from error
+    with paper_style(), store.writing(folder / CHART, RunError), store.whole_file(folder / CHART) as part:
+        _volumes(trials).savefig(part, format="png", dpi=200, metadata={"Software": None})

@@ -74,10 +74,8 @@ def write_page(path: Path, context: PageContext, template: str, script: str = ""
         | {"charts": {name: inline_svg(draw, name) for name, draw in context.charts.items()}},
         script=own, style=styles, variables=VARIABLES, scripts=Markup(script_source(own) if own else "'none'"),
     )  # fmt: skip
-    try:
+    with store.writing(path, RunError, "make room or allow writing there"):
         store.write_text(path, page)
-    except OSError as error:
-        raise RunError(f"can't write '{path}': {store.reason(error)}; make room or allow writing there") from error
     return path
 
 

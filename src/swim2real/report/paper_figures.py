@@ -58,10 +58,8 @@ def write_figures(
     place = Path(folder) / FIGURES
     styles = method_styles(results.methods)
     paths: list[Path] = []
-    try:
+    with store.writing(place, RunError):
         place.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise RunError(f"can't make '{place}': {error.strerror or error}") from error
     with paper_style():
         for protocol in results.protocols:
             methods = method_statistics(results, protocol)
@@ -96,12 +94,9 @@ def _save(figure: Figure, folder: Path, name: str) -> list[Path]:
     paths = [folder / f"{name}.{kind}" for kind in metadata]
     figure.draw_without_rendering()  # arranges the axes once for all files
     figure.set_layout_engine("none")
-    try:
-        for path, (kind, said) in zip(paths, metadata.items(), strict=True):
-            with store.whole_file(path) as part:
-                figure.savefig(part, format=kind, dpi=300, metadata=said)
-    except OSError as error:
-        raise RunError(f"can't write figure '{name}' to '{folder}': {error.strerror or error}") from error
+    for path, (kind, said) in zip(paths, metadata.items(), strict=True):
+        with store.writing(path, RunError), store.whole_file(path) as part:
+            figure.savefig(part, format=kind, dpi=300, metadata=said)
     return paths
 
 

@@ -37,7 +37,7 @@ Texts = tuple[tuple[str, str], ...]
 
 
 @dataclass(frozen=True)
-class Exhibit:
+class _Exhibit:
     """A picture or film that an advisor was shown.
 
     Attributes:
@@ -59,7 +59,7 @@ class Exhibit:
 
 
 @dataclass(frozen=True)
-class Consultation:
+class _Consultation:
     """What a round took and showed.
 
     Attributes:
@@ -74,15 +74,15 @@ class Consultation:
     instead: str
     took: tuple[str, ...]
     mended: Texts
-    exhibits: tuple[Exhibit, ...]
+    exhibits: tuple[_Exhibit, ...]
 
     @property
-    def pictures(self) -> tuple[Exhibit, ...]:
+    def pictures(self) -> tuple[_Exhibit, ...]:
         """Those on the page."""
         return tuple(one for one in self.exhibits if one.picture)
 
     @property
-    def files(self) -> tuple[Exhibit, ...]:
+    def files(self) -> tuple[_Exhibit, ...]:
         """The others."""
         return tuple(one for one in self.exhibits if not one.picture)
 
@@ -111,7 +111,7 @@ class AdvisorRound:
     steps: tuple[RecordedEvaluation, ...]
     before: RecordedEvaluation | None
     accepted: RecordedEvaluation | None
-    consultation: Consultation | None
+    consultation: _Consultation | None
 
     def change(self, step: RecordedEvaluation) -> float | None:
         """Change of the loss against that before the round [m]; None where either isn't known."""
@@ -147,7 +147,7 @@ def _grouped(run: ReportedRun) -> dict[int, list[RecordedEvaluation]]:
 
 def _round(
     run: ReportedRun, number: int, steps: list[RecordedEvaluation], accepted: RecordedEvaluation | None,
-    shown: Mapping[int, tuple[Exhibit, ...]],
+    shown: Mapping[int, tuple[_Exhibit, ...]],
 ) -> AdvisorRound:  # fmt: skip
     before = incumbent(run.entries[: steps[0].index])
     proposal = steps[0].note.proposal or Proposal(point=[])
@@ -190,15 +190,15 @@ def _notes(notes: Mapping[str, Any]) -> Texts:
 
 
 def _consultation(
-    first: RecordedEvaluation, space: ParameterSpace, exhibits: tuple[Exhibit, ...]
-) -> Consultation:  # fmt: skip
+    first: RecordedEvaluation, space: ParameterSpace, exhibits: tuple[_Exhibit, ...]
+) -> _Consultation:  # fmt: skip
     """What the notes of a VLM's proposal tell; what isn't of its kind in them is left out."""
     notes = first.note.proposal.notes if first.note.proposal else {}
     advisor, model = str(notes.get("advisor") or ""), notes.get("model")
     named = model if isinstance(model, str) else ""
     took: list[str] = []
     if calls := calls_of(first):
-        took.append(f"{plural(len(calls), 'call')} {listed(calls)}")
+        took.append(f"{_plural(len(calls), 'call')} {listed(calls)}")
     tokens = [notes.get("input_tokens"), notes.get("output_tokens")]
     if any(isinstance(one, int) and one for one in tokens):
         inside, outside = (count(one) if isinstance(one, int) else "–" for one in tokens)
@@ -208,13 +208,13 @@ def _consultation(
         if isinstance(amount, int | float) and math.isfinite(amount):
             took.append(shown(amount))
     instead = shortened(advisor.partition(":")[2]) if is_other(advisor, named) else ""
-    return Consultation(shortened(named or advisor), instead, tuple(took), _mended(notes, space), exhibits)
+    return _Consultation(shortened(named or advisor), instead, tuple(took), _mended(notes, space), exhibits)
 
 
 def _mended(notes: Mapping[str, Any], space: ParameterSpace) -> Texts:
     corrections: list[tuple[str, str]] = []
     clipped = notes.get("clipped")
-    for name, value in (cast("dict[str, Any]", clipped) if isinstance(clipped, dict) else {}).items():
+    for name, value in (cast("dict[str, object]", clipped) if isinstance(clipped, dict) else {}).items():
         if name in space.names and isinstance(value, int | float):
             bound = min(max(value, space[name].lower), space[name].upper)
             moved = f"{name} {significant(value)} → {significant(bound)} {space[name].unit}".removesuffix(" -")
@@ -226,10 +226,10 @@ def _mended(notes: Mapping[str, Any], space: ParameterSpace) -> Texts:
     return (*corrections, *(("remark", shortened(str(one))) for one in lists.get("remarks", [])))
 
 
-def _exhibits(recorded: RecordedCalls, accepted: Sequence[int]) -> dict[int, tuple[Exhibit, ...]]:
+def _exhibits(recorded: RecordedCalls, accepted: Sequence[int]) -> dict[int, tuple[_Exhibit, ...]]:
     """What the proposal of each round came of, with the pictures of the first and of the last accepted round."""
     on_page = {*accepted[:1], *accepted[-1:]}
-    exhibits: dict[int, tuple[Exhibit, ...]] = {}
+    exhibits: dict[int, tuple[_Exhibit, ...]] = {}
     for number in {call.round for call in recorded.calls}:
         calls = [call for call in recorded.calls if call.round == number]
         used = max((call.number for call in calls if call.outcome == "used"), default=0)
@@ -243,27 +243,27 @@ def _exhibits(recorded: RecordedCalls, accepted: Sequence[int]) -> dict[int, tup
     return exhibits
 
 
-def _exhibit(recorded: RecordedCalls, media: ShownMedia, left: int) -> tuple[Exhibit, int]:
+def _exhibit(recorded: RecordedCalls, media: ShownMedia, left: int) -> tuple[_Exhibit, int]:
     """With its picture if that takes at most `left` bytes, and how many it takes."""
     name = f"{CALLS}/{media.media}"
     path, label = recorded.folder / name, shortened(media.label)
     if not path.is_file():
-        return Exhibit(label, name, problem="the file is missing"), 0
+        return _Exhibit(label, name, problem="the file is missing"), 0
     if not left or media.media_type not in _EMBEDDED:
-        return Exhibit(label, name), 0
+        return _Exhibit(label, name), 0
     try:
         data = path.read_bytes()
     except OSError as error:
-        return Exhibit(label, name, problem=f"the file can't be read: {error.strerror or error}"), 0
+        return _Exhibit(label, name, problem=f"the file can't be read: {error.strerror or error}"), 0
     if hashlib.sha256(data).hexdigest() != media.sha256:
-        return Exhibit(label, name, problem="the file has changed since it was shown"), 0
+        return _Exhibit(label, name, problem="the file has changed since it was shown"), 0
     if len(data) > left:
-        return Exhibit(label, name), 0
-    return Exhibit(label, name, f"data:{media.media_type};base64,{base64.b64encode(data).decode()}"), len(data)
+        return _Exhibit(label, name), 0
+    return _Exhibit(label, name, f"data:{media.media_type};base64,{base64.b64encode(data).decode()}"), len(data)
 
 
 @dataclass(frozen=True)
-class CallRow:
+class _CallRow:
     """One call.
 
     Attributes:
@@ -289,7 +289,7 @@ class CallSection:
 
     sums: Texts
     warnings: tuple[str, ...]
-    rows: tuple[CallRow, ...]
+    rows: tuple[_CallRow, ...]
 
 
 def call_section(recorded: RecordedCalls | None) -> CallSection | None:
@@ -304,17 +304,17 @@ def call_section(recorded: RecordedCalls | None) -> CallSection | None:
             asked = call.advisor.partition(":")[2]
             others.setdefault((shortened(asked), shortened(call.reply.model or "")), []).append(call.number)
     warnings += [
-        f"Another model answered: {asked} was asked, and {model} answered {plural(len(numbers), 'call')} "
+        f"Another model answered: {asked} was asked, and {model} answered {_plural(len(numbers), 'call')} "
         f"{listed(numbers)}. The result is not that of {asked} alone."
         for (asked, model), numbers in others.items()
     ]
     without = sorted({call.round for call in calls} - {call.round for call in calls if call.outcome == "used"})
     if without:
         warnings.append(
-            f"{plural(len(without), 'Round')} {listed(without)} got no usable reply, so nothing was proposed and "
+            f"{_plural(len(without), 'Round')} {listed(without)} got no usable reply, so nothing was proposed and "
             f"nothing simulated; --resume asks again."
         )
-    rows = [CallRow(call, is_other(call.advisor, call.reply and call.reply.model), _problems(call)) for call in calls]
+    rows = [_CallRow(call, is_other(call.advisor, call.reply and call.reply.model), _problems(call)) for call in calls]
     return CallSection(_sums(calls) if calls else (), tuple(warnings), tuple(rows))
 
 
@@ -324,7 +324,7 @@ def is_other(advisor: str, model: str | None) -> bool:
     return bool(asked and model) and not same_model(asked, model or "")
 
 
-def plural(number: int, word: str) -> str:
+def _plural(number: int, word: str) -> str:
     """A word for one thing or for several."""
     return word if number == 1 else f"{word}s"
 
@@ -341,10 +341,10 @@ def _problems(call: Call) -> tuple[str, ...]:
 def _sums(calls: Sequence[Call]) -> Texts:
     sums, replies = totals(calls), [call.reply for call in calls if call.reply is not None]
     repairs, unusable = sum(call.is_repair for call in calls), sum(call.outcome == "unusable" for call in calls)
-    parts = [f"{sums.failed or 'none'} failed", f"{repairs or 'no'} {plural(repairs, 'repair')}"]
+    parts = [f"{sums.failed or 'none'} failed", f"{repairs or 'no'} {_plural(repairs, 'repair')}"]
     if unusable:
         parts.insert(1, f"{unusable} with a reply that wasn't usable")
-    amounts = [(str(sums.calls), f"{plural(sums.calls, 'call')}: {listed(parts)}")]
+    amounts = [(str(sums.calls), f"{_plural(sums.calls, 'call')}: {listed(parts)}")]
     if any(reply.input_tokens is not None for reply in replies):
         amounts += [(count(sums.input_tokens), "tokens in"), (count(sums.output_tokens), "tokens out")]
     else:
@@ -357,4 +357,4 @@ def _sums(calls: Sequence[Call]) -> Texts:
         amounts.append((dollars(sums.cost), f"spent{rest}"))
     amounts.append((duration(sums.seconds), "waited"))
     models = Counter(shortened(reply.model) for reply in replies if reply.model)
-    return (*amounts, *((model, f"answered {times} {plural(times, 'time')}") for model, times in models.items()))
+    return (*amounts, *((model, f"answered {times} {_plural(times, 'time')}") for model, times in models.items()))

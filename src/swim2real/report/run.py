@@ -113,11 +113,11 @@ class ReportedRun:
     @property
     def warnings(self) -> tuple[str, ...]:
         """What to know before the best parameters are used."""
-        from_rest = {name: swim.as_dict() for name, swim in self.of_best.from_rest.items()}
         found = (
             () if self.standing else tuple(told(self.entries, self.settings) for told in (still_falling, never_beaten))
         )
-        return tuple(warning for warning in (backward_from_rest(from_rest), *found, *self.of_best.late) if warning)
+        backward = backward_from_rest(self.of_best.from_rest)
+        return tuple(warning for warning in (backward, *found, *self.of_best.late) if warning)
 
     @property
     def budget(self) -> int | None:

@@ -66,7 +66,7 @@ def convergence(run: ReportedRun) -> Figure:
     evaluated = [(e.index + 1, _on_axis(e.loss), f"evaluation {e.index + 1}: {mm(e.loss)} mm") for e in proper]
     diverged = [(e.index + 1, highest, f"evaluation {e.index + 1}: {e.reason or 'diverged'}") for e in failed]
     _draw_dots(axes, evaluated, s=12, color=LIGHT["faint"], label="evaluation", zorder=2)
-    draw_best(axes, run, color=LIGHT["simulated"], linewidth=1.5, label="best so far", zorder=3)
+    _draw_best(axes, run, color=LIGHT["simulated"], linewidth=1.5, label="best so far", zorder=3)
     _draw_dots(axes, accepted, s=42, marker="*", color=LIGHT["good"], label="accepted round", zorder=4)
     _draw_dots(axes, diverged, s=22, marker="^", color=LIGHT["warning"], label="diverged (no loss)", zorder=4)
     axes.set_xlim(0.4, len(run.entries) + 0.6)
@@ -77,7 +77,7 @@ def convergence(run: ReportedRun) -> Figure:
     return figure
 
 
-def draw_best(axes: Any, run: ReportedRun, **look: Any) -> tuple[Any, Array]:
+def _draw_best(axes: Any, run: ReportedRun, **look: Any) -> tuple[Any, Array]:
     """The best loss so far, from the first evaluation that didn't fail; the line, and the losses [mm]."""
     begun = next((i for i, entry in enumerate(run.entries) if not entry.failed), len(run.entries))
     best = np.maximum(1e3 * np.array(best_losses(run.entries)[begun:]), _SMALLEST)
@@ -158,7 +158,7 @@ def trial_charts(trials: Sequence[ComparedTrial], run: ReportedRun) -> Charts:
     charts: Charts = {}
     for i, trial in enumerate(trials):
         if names:
-            shown = common_ranges([trial], path_markers_of(trial, names))
+            shown = common_ranges([trial], _path_markers_of(trial, names))
             charts[f"paths-{i}"] = partial(paths, trial, names, run.robot, shown)
         if trial.frequency is not None:
             charts[f"tail-{i}"] = partial(_tail_tip, trial, names, ranges)
@@ -223,7 +223,7 @@ def common_ranges(trials: Sequence[ComparedTrial], shown: range | None = None) -
     return (round(float(low[0])), round(float(high[0]))), (round(float(low[1])), round(float(high[1])))
 
 
-def path_markers_of(trial: ComparedTrial, names: Sequence[str]) -> range:
+def _path_markers_of(trial: ComparedTrial, names: Sequence[str]) -> range:
     """Indices of the markers whose paths are drawn: with a beat not those that span the body frame, which are still."""
     return range(_FRAME_MARKERS if trial.frequency is not None and len(names) > _FRAME_MARKERS else 0, len(names))
 
@@ -234,7 +234,7 @@ def paths(trial: ComparedTrial, markers: Sequence[str], robot: Robot, ranges: tu
     Marker-frames that were lost are faint and hollow. Without a beat the links are drawn at some instants, the later
     the stronger.
     """
-    beat, shown = trial.frequency is not None, path_markers_of(trial, markers)
+    beat, shown = trial.frequency is not None, _path_markers_of(trial, markers)
     across, (low, high) = ranges
     figure, axes = _path_chart(_LEFT, across, (low, high + _NAME_ROOM * beat), _axis_titles(trial, robot))
     frames, good, simulated = _drawn_frames(trial), _counted(trial), _registered(trial)
@@ -363,7 +363,7 @@ def _draw_links(
 def _name_from_the_tail(axes: Any, trial: ComparedTrial, good: Mask, markers: Sequence[str], high: float) -> None:
     """Names of markers above their paths, left out where they would overlap; the rearmost one is always there."""
     placed: list[float] = []
-    for m in reversed(path_markers_of(trial, markers)):
+    for m in reversed(_path_markers_of(trial, markers)):
         seen = trial.real[good[:, m], m, 0] if good[:, m].any() else _registered(trial)[:, m, 0]
         x = 1e3 * float(seen.mean())
         if np.isfinite(x) and all(abs(x - other) >= _NAME_SPACING for other in placed):

@@ -20,6 +20,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import FixedFormatter, FixedLocator, NullFormatter, NullLocator
 
 from swim2real.formatting import shortened
+from swim2real.methods import ABLATION, METHODS
 from swimbase.escaping import visible
 
 COLUMN, DOUBLE = 3.4, 7.0  # inches, of a column of a paper and of both
@@ -129,19 +130,19 @@ class MethodStyle:
 
 _DASH, _DASHDOT, _DOT, _LONGDASH = (4, 1.6), (4, 1.4, 1, 1.4), (1, 1.3), (7, 1.8)
 
-# apart for readers with any of the usual kinds of color blindness; patterns and marks tell them apart in gray as well
-_KNOWN = {
-    "line-search": MethodStyle("#0072b2", "#4da6e8", "o"),
-    "no-line-search": MethodStyle("#56b4e9", "#a8dcff", "s", _DASH),
-    "bayesopt": MethodStyle("#009e73", "#2fc79a", "^"),
-    "cma-es": MethodStyle("#d55e00", "#ff7d3b", "D", _DASH),
-    "random": MethodStyle("#636a73", "#7d8794", "X", _DOT),
-    "staged": MethodStyle("#e69f00", "#ffc44d", "P", _LONGDASH),
-    "least-squares": MethodStyle("#332288", "#8f83ff", "p", _DASHDOT),
-    "multi-start": MethodStyle("#661100", "#d98a6a", "h", _DASHDOT),
-}
-# for advisors and scales beyond those: told apart by pattern and mark once the colors repeat
-_OTHERS = (
+# of the ablation, of each method, and of advisors and scales beyond those; readers with any of the usual kinds of color
+# blindness tell them apart, and patterns and marks do so in gray as well
+_LOOKS = (
+    MethodStyle("#56b4e9", "#a8dcff", "s", _DASH),
+    MethodStyle("#0072b2", "#4da6e8", "o"),
+    MethodStyle("#4c10e2", "#e24cc4", "v", _LONGDASH),
+    MethodStyle("#636a73", "#7d8794", "X", _DOT),
+    MethodStyle("#d55e00", "#ff7d3b", "D", _DASH),
+    MethodStyle("#009e73", "#2fc79a", "^"),
+    MethodStyle("#332288", "#8f83ff", "p", _DASHDOT),
+    MethodStyle("#661100", "#d98a6a", "h", _DASHDOT),
+    MethodStyle("#2e6ae2", "#6ac4c4", "H", _DOT),
+    MethodStyle("#e69f00", "#ffc44d", "P", _LONGDASH),
     MethodStyle("#882255", "#d0477f", "<", _DASH),
     MethodStyle("#7a6a00", "#b8a43a", ">", _DASHDOT),
     MethodStyle("#117766", "#7fe0d0", "h", _DOT),
@@ -149,10 +150,12 @@ _OTHERS = (
     MethodStyle("#7a6a01", "#b8a43b", "d", _LONGDASH),
     MethodStyle("#117767", "#7fe0d1", "8"),
 )
+_KNOWN = dict(zip((ABLATION, *METHODS), _LOOKS, strict=False))
+_OTHERS = _LOOKS[len(_KNOWN) :]
 
 # names in a page's style sheet of all colors that charts are drawn in, and what they are in both themes
 VARIABLES = {f"--{role}": pair for role, pair in COLORS.items()} | {
-    f"--method-{style.light[1:]}": (style.light, style.dark) for style in (*_KNOWN.values(), *_OTHERS)
+    f"--method-{style.light[1:]}": (style.light, style.dark) for style in _LOOKS
 }
 
 

@@ -34,7 +34,7 @@ _LOOPS = {
 
 
 @dataclass(frozen=True)
-class TrainingPage(PageContext):
+class _TrainingPage(PageContext):
     """Everything that the page shows.
 
     Attributes:
@@ -76,7 +76,7 @@ def write_training_page(
     return write_page(Path(out) / PAGE, _context(run, shown, assessment), "training.html.j2", "report.js")
 
 
-def _context(run: TrainingRun, film: str | None, assessment: Assessment | None) -> TrainingPage:
+def _context(run: TrainingRun, film: str | None, assessment: Assessment | None) -> _TrainingPage:
     """Everything that the template shows."""
     scans = {} if assessment is None else assessment.scans
     best = {
@@ -95,7 +95,7 @@ def _context(run: TrainingRun, film: str | None, assessment: Assessment | None) 
         if "constant" in scans:
             charts["scan"] = partial(_wave_scans, scans, assessment.statistics.distance)
         charts["commands"] = partial(_motor_commands, shown[0], Actuators.of(policy_setup(run.robot).actuators))
-    return TrainingPage(
+    return _TrainingPage(
         title=run.folder.resolve().name,
         charts=charts,
         settings=run.settings,

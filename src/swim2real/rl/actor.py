@@ -42,7 +42,7 @@ class Linear:
         return x @ self.weight + self.bias
 
 
-class AboutPolicy(BaseModel):
+class _AboutPolicy(BaseModel):
     """What a policy is for.
 
     Attributes:
@@ -68,7 +68,7 @@ class Actor:
     hidden: tuple[Linear, ...]
     mean: Linear
     log_std: Linear
-    about: AboutPolicy = field(default_factory=lambda: AboutPolicy())
+    about: _AboutPolicy = field(default_factory=lambda: _AboutPolicy())
 
     @staticmethod
     def of(learner: SAC) -> Actor:
@@ -107,7 +107,7 @@ class Actor:
         """Writes the network, and as JSON what it is about and the shapes of its layers."""
         layers = self._layers()
         about = {**about, "layers": {name: list(layer.weight.shape) for name, layer in layers.items()}}
-        arrays: dict[str, Any] = {_ABOUT: np.array(json.dumps(about))}
+        arrays: dict[str, NDArray[Any]] = {_ABOUT: np.array(json.dumps(about))}
         for name, layer in layers.items():
             arrays[f"{name}.weight"], arrays[f"{name}.bias"] = layer.weight, layer.bias
         write_arrays(path, arrays)
@@ -145,7 +145,7 @@ class Actor:
 
         count = sum(name.startswith("hidden") and name.endswith(".weight") for name in arrays)
         hidden, about = tuple(layer(f"hidden{i}") for i in range(count)), from_json(str(arrays.get(_ABOUT, "{}")))
-        actor = Actor(hidden, layer("mean"), layer("log_std"), AboutPolicy.model_validate(about))
+        actor = Actor(hidden, layer("mean"), layer("log_std"), _AboutPolicy.model_validate(about))
         shapes = [layer.weight.shape for layer in (*actor.hidden, actor.mean)]
         if any(one[1] != next_one[0] for one, next_one in pairwise(shapes)) or actor.log_std.weight.shape != shapes[-1]:
             raise ValueError(f"its layers' shapes {shapes} and {actor.log_std.weight.shape} don't fit one another")

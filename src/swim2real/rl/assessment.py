@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -144,9 +143,9 @@ class Assessment:
     scans: dict[str, WaveScan]
     loops: dict[str, LoopResult]
 
-    def as_dict(self) -> dict[str, Any]:
+    def as_dict(self) -> dict[str, object]:
         """Plain JSON: `policy`, the scans by their names, and `loops` where they were compared."""
-        content: dict[str, Any] = {"task": self.task, "which": self.which, "policy": asdict(self.statistics)}
+        content: dict[str, object] = {"task": self.task, "which": self.which, "policy": asdict(self.statistics)}
         for name, scan in self.scans.items():
             content[name] = {
                 "waves": [asdict(wave) for wave in scan.waves], "distances": scan.distances.tolist(),
@@ -354,7 +353,7 @@ def policy_commands(
     policy, settings = load_policy(run, which), run.settings
     environments = make_environments(run.task, settings.parameters, 1, robot=run.robot, seconds=seconds)
     run.check_fits(policy, environments)
-    options: dict[str, Any] = {"phase": phase, "member": 0, "goal": goal or (-1.0, 0.0)}
+    options: dict[str, object] = {"phase": phase, "member": 0, "goal": goal or (-1.0, 0.0)}
     episode = run_episodes(environments, policy, [TEST_SEED], [options])[0]
     if goal is not None and episode.goal is None:
         raise ArgumentError(f"a goal is for policies of a task with goals; this one was trained for '{settings.task}'")

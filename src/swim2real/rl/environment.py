@@ -30,7 +30,7 @@ DIVERGED = -1000.0  # reward of a step that the simulation can't make
 
 
 @dataclass(frozen=True)
-class Stepped:
+class _Stepped:
     """What a step of N environments gave; rows of those that weren't stepped mean nothing.
 
     Attributes:
@@ -153,7 +153,7 @@ class Environments:
                 self._estimator.begin(i, int(members[i]), self.state, self._rngs[i])
         self.observations[which] = self._observed()[which]
 
-    def step(self, actions: NDArray[Any], which: Indices | None = None) -> Stepped:
+    def step(self, actions: NDArray[Any], which: Indices | None = None) -> _Stepped:
         """Steps environments one control interval.
 
         Args:
@@ -185,7 +185,7 @@ class Environments:
             self._failures[i] = f"the simulation diverged {self.times[i]:.2f} s after the start, commanded {commands}"
         over = self._steps >= self._last
         self._last[rows] = np.where(done[rows], self._steps[rows], self._last[rows])
-        return Stepped(rewards, done, over & ~done, success)
+        return _Stepped(rewards, done, over & ~done, success)
 
     def info(self, index: int) -> dict[str, Any]:
         """What is known of one environment, whatever it observes.
@@ -214,7 +214,7 @@ class Environments:
             )
         self.task.stage = stage  # type: ignore[attr-defined] - a task with stages has a present one
 
-    def save(self) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
+    def save(self) -> tuple[dict[str, NDArray[Any]], dict[str, object]]:
         """Everything that decides how running episodes go on: arrays, and plain JSON."""
         physics = [self.robots.physics(i) for i in range(self.count)]
         arrays: dict[str, NDArray[Any]] = {

@@ -207,7 +207,7 @@ class Learner:
         buffer = self._buffer
         optimizers = {name: optimizer.state_dict() for name, optimizer in self._optimizers().items()}
         tensors = {**_flat(self._networks()), **_flat(optimizers), "random": torch.get_rng_state()}
-        networks: dict[str, Any] = {name: tensor.detach().numpy() for name, tensor in tensors.items()}
+        networks: dict[str, NDArray[Any]] = {name: tensor.detach().numpy() for name, tensor in tensors.items()}
         np.savez(folder / _NETWORKS, allow_pickle=False, **networks)
         filled = buffer.buffer_size if buffer.full else buffer.pos
         arrays = {name: getattr(buffer, name)[:filled] for name in _ARRAYS}

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -165,7 +165,7 @@ class EpisodeStatistics:
 
 def run_episodes(
     environments: Environments, policy: Policy, seeds: Sequence[int],
-    options: Sequence[dict[str, Any]] | None = None,
+    options: Sequence[Mapping[str, object]] | None = None,
 ) -> list[Episode]:  # fmt: skip
     """Runs one episode in each environment, side by side.
 

@@ -67,7 +67,7 @@ class Task(Protocol):
         """Rewards of a step and whether the task is done, from true states after it and actions (N, A). Shapes (N,)."""
         ...
 
-    def info(self, state: RobotState, index: int) -> dict[str, Any]:
+    def info(self, state: RobotState, index: int) -> Mapping[str, object]:
         """Entries of one robot's info that only this task has."""
         ...
 
@@ -104,7 +104,7 @@ class Forward:
         del actions
         return -state.position[:, 0], np.zeros(len(state.position), np.bool_)
 
-    def info(self, state: RobotState, index: int) -> dict[str, Any]:
+    def info(self, state: RobotState, index: int) -> Mapping[str, object]:
         del state, index
         return {}
 
@@ -210,7 +210,7 @@ class ReachGoal:
         cost = self.ACTION_COST * np.abs(actions).mean(axis=1)
         return self.PROGRESS * nearer - cost + self.BONUS * reached, reached
 
-    def info(self, state: RobotState, index: int) -> dict[str, Any]:
+    def info(self, state: RobotState, index: int) -> Mapping[str, object]:
         goal = (float(self.goals[index, 0]), float(self.goals[index, 1]))
         distance, stage = float(self._distances(state)[index]), int(self.episode_stages[index])
         return {"goal": goal, "goal_distance": distance, "stage": stage}

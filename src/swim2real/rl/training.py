@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from swim2real.parameters import Values
@@ -303,7 +304,7 @@ class Trainer:
         self.recent.append(line)
         self.episodes += 1
 
-    def _evaluate(self) -> dict[str, Any]:
+    def _evaluate(self) -> Mapping[str, object]:
         """Runs without exploration, from starts of its own, and keeps the policy if it is the best so far."""
         begun = time.perf_counter()
         environments, stage = self._evaluation, self.curriculum.stage
@@ -365,7 +366,7 @@ class Trainer:
         self._write_policy(files.LAST)  # first: after the last checkpoint a run that goes on writes no policy
         write_checkpoint(self.out, self.step, self.learner, arrays, state)
 
-    def _restore(self, arrays: dict[str, Any], state: dict[str, Any]) -> None:
+    def _restore(self, arrays: dict[str, NDArray[Any]], state: Mapping[str, Any]) -> None:
         """Goes on with what `_save` kept. Damaged content raises errors of many types."""
         self.step, self.episodes = int(state["step"]), int(state["episodes"])
         self.seconds = TrainingSeconds(**state["seconds"])

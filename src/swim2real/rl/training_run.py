@@ -26,9 +26,9 @@ from swimbase.store import (
     locked,
     read_json,
     read_lines,
-    reason,
     remove_leftovers,
     write_text,
+    writing,
 )
 
 SETTINGS, OUTCOME = "settings.json", "outcome.json"
@@ -238,17 +238,11 @@ def locked_folder(folder: Path) -> Generator[None]:
     Raises:
         RunError: Another process has it, or a file can't be written, such as on a full disk.
     """
-    try:
-        with locked(folder):
-            remove_leftovers(folder, _WRITTEN)
-            yield
-    except BlockingIOError:
-        raise RunError(f"another process is training into '{folder}'; wait for it or choose another") from None
-    except OSError as error:
-        raise RunError(
-            f"can't write '{error.filename or folder}': {reason(error, folder)}; --resume goes on from the last "
-            f"checkpoint, or choose another folder"
-        ) from error
+    busy = f"another process is training into '{folder}'; wait for it or choose another"
+    remedy = "--resume goes on from the last checkpoint, or choose another folder"
+    with writing(folder, RunError, remedy, busy=busy), locked(folder):
+        remove_leftovers(folder, _WRITTEN)
+        yield
 
 
 def check_same_settings(folder: Path, content: Mapping[str, Any]) -> None:
@@ -259,7 +253,7 @@ def check_same_settings(folder: Path, content: Mapping[str, Any]) -> None:
     """
     check_there(folder)
     path = folder / SETTINGS
-    recorded = read(dict[str, Any], path, "training settings", RunError)
+    recorded = read(dict[str, object], path, "training settings", RunError)
     for key, value in content.items():
         if recorded.get(key) != value:
             raise RunError(

@@ -184,7 +184,7 @@ def open_robot_file(
     return RobotFile(place, where, table, spec, tuple(calibrated.values()))
 
 
-def _for_markers(content: Mapping[str, Any]) -> dict[str, Any]:
+def _for_markers(content: Mapping[str, Any]) -> dict[str, object]:
     """What a file says, without what only calibrations and policies take."""
     kept = {key: value for key, value in content.items() if key != "policy"}
     if isinstance(kept.get("swims"), Mapping):

@@ -32,7 +32,7 @@ _MOST_TOLD = 3  # places in a sentence
 
 
 @dataclass(frozen=True)
-class ModelFiles:
+class _ModelFiles:
     """The files of a model.
 
     Attributes:
@@ -48,7 +48,7 @@ class ModelFiles:
     others: tuple[str, ...]
 
 
-def model_files(path: Path, *, every: bool = False) -> ModelFiles:
+def model_files(path: Path, *, every: bool = False) -> _ModelFiles:
     """The files of a model.
 
     Args:
@@ -81,7 +81,7 @@ def model_files(path: Path, *, every: bool = False) -> ModelFiles:
             elif name:
                 names[name] = None
             others.update({attributes[side]: None for side in _SIDES if side in attributes})
-    return ModelFiles(tuple(done), tuple(dict.fromkeys(folders)), tuple(names), tuple(others))
+    return _ModelFiles(tuple(done), tuple(dict.fromkeys(folders)), tuple(names), tuple(others))
 
 
 def root_tag(path: Path) -> str:
@@ -135,7 +135,7 @@ def outside(path: Path, where: str = "") -> Request | None:
     )  # fmt: skip
 
 
-def _outside(root: Path, files: ModelFiles) -> list[str]:
+def _outside(root: Path, files: _ModelFiles) -> list[str]:
     """Places outside of a model's folder from which it would read."""
     places = set[str]()
     for name in dict.fromkeys((*files.names, *files.others)):

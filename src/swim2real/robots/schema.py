@@ -250,7 +250,7 @@ class RobotTable(_Table):
     recordings: RecordingsTable | None = None
     swims: SwimsTable | None = None
     policy: PolicyTable | None = None
-    parameters: Annotated[list[dict[str, Any]], Field(min_length=1)]
+    parameters: Annotated[list[dict[str, object]], Field(min_length=1)]
 
     @model_validator(mode="after")
     def _one_kind_of_trials(self) -> RobotTable:

@@ -54,7 +54,7 @@ class Engine:
         forces = tuple(float(f"{force:.12g}") for force in data.qfrc_fluid)
         return cls(f"mujoco {mujoco.__version__}", integrator, float(model.opt.timestep), forces)
 
-    def as_dict(self) -> dict[str, Any]:
+    def as_dict(self) -> dict[str, object]:
         return {**asdict(self), "fluid_fingerprint": list(self.fluid_fingerprint)}
 
     def difference(self, other: Mapping[str, Any]) -> str | None:

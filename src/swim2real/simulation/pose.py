@@ -12,7 +12,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class View:
+class _View:
     """Markers and equality constraints in one pose.
 
     Attributes:
@@ -43,7 +43,7 @@ class MarkerView:
         last = range(model.nsensor - count, model.nsensor)
         self._objects = [(int(model.sensor_objtype[i]), int(model.sensor_objid[i])) for i in last]
 
-    def at(self, qpos: Array) -> View:
+    def at(self, qpos: Array) -> _View:
         """What is seen in a pose. Shape (nq,)."""
         model, data = self._model, self._data
         data.qpos[:] = qpos
@@ -55,7 +55,7 @@ class MarkerView:
             mujoco.mj_jac(model, data, rows, None, point, body)
             places.append(point.copy())
         gaps = slice(0, data.ne)
-        return View(
+        return _View(
             np.array(places).reshape(-1, 3)[:, self._plane],
             slopes[:, self._plane],
             data.efc_pos[gaps].copy(),
@@ -188,7 +188,7 @@ class PoseFit:
                 best = other
         return best
 
-    def _problem(self, qpos: Array, view: View, wanted: Array, known: Mask, pull: float) -> tuple[Array, Array]:
+    def _problem(self, qpos: Array, view: _View, wanted: Array, known: Mask, pull: float) -> tuple[Array, Array]:
         """What is to vanish, and its slopes: misses of markers, gaps of constraints, the way from the model's pose."""
         away = np.zeros(self._model.nv)
         mujoco.mj_differentiatePos(self._model, away, 1.0, self._model.qpos0, qpos)

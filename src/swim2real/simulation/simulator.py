@@ -157,7 +157,7 @@ class Simulator:
         step = "engine's own" if fast is None else "fast"
         try:
             if isinstance(model, str):
-                raise DivergedError(model)
+                raise _DivergedError(model)
             if actuation.start_speed is None:
                 track = self._from_rest(model, fast, swim, speed)
                 note = "from rest"
@@ -167,7 +167,7 @@ class Simulator:
                     track, note = self._at_length(stepper, swim), "at full length"
                 else:
                     track, note = self._steady_cycle(stepper, swim)
-        except DivergedError as error:
+        except _DivergedError as error:
             rest = np.zeros((2, len(self.robot.marker_names), 2)) + self.robot.rest_markers
             track = MarkerTrack([0.0, _UNROLLED_SAMPLE], rest)
             return Trial(swim.name, track, actuation.frequency, provenance="diverged", divergence=str(error))
@@ -186,7 +186,7 @@ class Simulator:
         """The swim from the first motor angle of its phase on, once it has settled."""
         actuation = swim.actuation
         start = settling_turns(actuation.frequency, actuation.start_speed) + actuation.phase / (2 * np.pi) % 1.0
-        chunk = run_to(None, stepper, actuation.period, start + swim.duration / actuation.period)
+        chunk = _run_to(None, stepper, actuation.period, start + swim.duration / actuation.period)
         times = np.arange(len(chunk.turns)) * stepper.timestep
         samples = self._samples(swim.duration)
         begin = float(np.interp(start, chunk.turns, times))
@@ -199,13 +199,13 @@ class Simulator:
         stepper = Stepper(model, self.robot, 0.0, speed, swim.actuation.phase, fast)
         chunk = stepper.run(int(np.ceil(swim.duration / stepper.timestep - 1e-9)) + 1)
         if chunk.failed_at is not None:
-            raise DivergedError(f"the simulation diverged {chunk.failed_at:.3f} s after its start")
+            raise _DivergedError(f"the simulation diverged {chunk.failed_at:.3f} s after its start")
         times = np.arange(len(chunk.markers)) * stepper.timestep
         samples = self._samples(swim.duration)
         return MarkerTrack(samples, CubicSpline(times, chunk.markers, axis=0)(samples))
 
 
-class DivergedError(Exception):
+class _DivergedError(Exception):
     """There is no simulation; the message says why."""
 
 
@@ -263,7 +263,7 @@ def steady_cycle(stepper: Stepper, period: float) -> Cycle:
         DivergedError: The engine gave up.
     """
     end = max(0.5, np.ceil(2 * _SETTLING_TIME / period) / 2) + 1.0  # turns
-    swim, change_before = run_to(None, stepper, period, end), None
+    swim, change_before = _run_to(None, stepper, period, end), None
     while True:
         first, last = _instant(swim, end - 1), _instant(swim, end)
         shape_change = float(np.linalg.norm(last.body - first.body, axis=1).mean())
@@ -279,7 +279,7 @@ def steady_cycle(stepper: Stepper, period: float) -> Cycle:
             change_before, end = None, float(swim.turns[-1]) + 1.25
         else:
             change_before, end = change, end + 0.5
-        swim = run_to(swim, stepper, period, end)
+        swim = _run_to(swim, stepper, period, end)
 
 
 def settling_turns(frequency: float, start_speed: float | None = None) -> float:
@@ -287,7 +287,7 @@ def settling_turns(frequency: float, start_speed: float | None = None) -> float:
     return float(np.ceil((_SETTLING if start_speed else _FROM_REST) * max(frequency, 1.0)))
 
 
-def run_to(swim: Chunk | None, stepper: Stepper, period: float, turns: float) -> Chunk:
+def _run_to(swim: Chunk | None, stepper: Stepper, period: float, turns: float) -> Chunk:
     """Simulates until the motor has made so many turns, and a few steps more."""
     wanted = turns + _MARGIN_STEPS * stepper.timestep / period
     made = 0.0
@@ -299,8 +299,8 @@ def run_to(swim: Chunk | None, stepper: Stepper, period: float, turns: float) ->
         chunk = stepper.run(int(np.ceil((wanted - made) * period / stepper.timestep)) + 1)
         swim = chunk if swim is None else swim.then(chunk)
         if swim.failed_at is not None:
-            raise DivergedError(f"the simulation diverged {swim.failed_at:.3f} s after its start")
-    raise DivergedError(f"the motor is stuck: {made:.2f} turns where {turns:.2f} were due")
+            raise _DivergedError(f"the simulation diverged {swim.failed_at:.3f} s after its start")
+    raise _DivergedError(f"the motor is stuck: {made:.2f} turns where {turns:.2f} were due")
 
 
 @dataclass(frozen=True)

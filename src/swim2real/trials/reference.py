@@ -27,7 +27,7 @@ from swim2real.trials.trial import Perspective, Trial, TrialSet, check_motion, c
 from swimbase.checking import FileName, Label, Number, PathText, Positive, read
 from swimbase.errors import TrialError
 from swimbase.names import composed, file_key
-from swimbase.store import locked, path_from, reason, write_json
+from swimbase.store import locked, path_from, write_json, writing
 
 INDEX = "reference.json"
 _SENSORS, _CONTROLS = ".sensors.csv", ".controls.csv"  # after the name of a trial that wasn't filmed
@@ -165,13 +165,11 @@ def save_reference(trials: TrialSet, folder: str | Path) -> None:
     entries = [_entry(trial, path) for trial in trials]
     for entry in entries:
         _check_files(entry, entries, path)
-    try:
+    with writing(path, TrialError, what="reference folder"):
         path.mkdir(parents=True, exist_ok=True)
         for trial in trials:
             _write_tables(path, trial, trials.marker_names)
         _write_index(path, trials.marker_names, entries)
-    except OSError as error:
-        raise TrialError(f"can't write reference folder '{path}': {reason(error)}") from error
 
 
 def check_folder(folder: str | Path, name: str, marker_names: tuple[str, ...]) -> None:
@@ -207,25 +205,21 @@ def add_trial(folder: str | Path, trial: Trial, marker_names: tuple[str, ...]) -
     TrialSet((trial,), marker_names)
     table = f"{trial.name}.csv"
     check_motion(trial, path / table)
-    try:
-        with locked(path, timeout=_LOCK_TIMEOUT):
-            entries = _entries(path, marker_names, table)
-            entry = _entry(trial, path)
-            old = next((other for other in entries if composed(other.name) == composed(trial.name)), None)
-            if old is not None and old.video_begin_s == entry.video_begin_s:
-                kept = [key for key in _RECORDED if key in old.model_fields_set - entry.model_fields_set]
-                entry = entry.model_copy(update={key: getattr(old, key) for key in kept})
-                if clocks := {key: clock for key, clock in old.timebases.items() if key in kept} | entry.timebases:
-                    entry = entry.model_copy(update={"timebases": clocks})
-            entries = [*(other for other in entries if other is not old), entry]
-            _check_files(entry, entries, path)
-            entries.sort(key=lambda other: other.name)  # whoever was added first
-            _write_tables(path, trial, marker_names)
-            _write_index(path, marker_names, entries)
-    except BlockingIOError:
-        raise TrialError(f"another process has been writing to '{path}' for {_LOCK_TIMEOUT} s; try again") from None
-    except OSError as error:
-        raise TrialError(f"can't write reference folder '{path}': {reason(error)}") from error
+    busy = f"another process has been writing to '{path}' for {_LOCK_TIMEOUT} s; try again"
+    with writing(path, TrialError, what="reference folder", busy=busy), locked(path, timeout=_LOCK_TIMEOUT):
+        entries = _entries(path, marker_names, table)
+        entry = _entry(trial, path)
+        old = next((other for other in entries if composed(other.name) == composed(trial.name)), None)
+        if old is not None and old.video_begin_s == entry.video_begin_s:
+            kept = [key for key in _RECORDED if key in old.model_fields_set - entry.model_fields_set]
+            entry = entry.model_copy(update={key: getattr(old, key) for key in kept})
+            if clocks := {key: clock for key, clock in old.timebases.items() if key in kept} | entry.timebases:
+                entry = entry.model_copy(update={"timebases": clocks})
+        entries = [*(other for other in entries if other is not old), entry]
+        _check_files(entry, entries, path)
+        entries.sort(key=lambda other: other.name)  # whoever was added first
+        _write_tables(path, trial, marker_names)
+        _write_index(path, marker_names, entries)
 
 
 def _entries(path: Path, marker_names: tuple[str, ...], table: str) -> list[TrialEntry]:

@@ -69,7 +69,7 @@ class MarkerFacts:
 
 
 @dataclass(frozen=True)
-class SensorFacts:
+class _SensorFacts:
     """A sensor in one trial, or over all of them: its mean error, and its mean differences in windows of time."""
 
     sensor: Sensor
@@ -96,7 +96,7 @@ class TrialFacts:
     divergence: str | None
     velocity_real: Known
     markers: tuple[MarkerFacts, ...]
-    sensors: tuple[SensorFacts, ...]
+    sensors: tuple[_SensorFacts, ...]
     edges: Sequence[float]
 
     @property
@@ -148,7 +148,7 @@ class TrialFacts:
 
 
 @dataclass(frozen=True)
-class EvaluationFacts:
+class _EvaluationFacts:
     """All trials of an evaluation, and what differs over them. Medians and means are over trials.
 
     Attributes:
@@ -160,7 +160,7 @@ class EvaluationFacts:
     trials: tuple[TrialFacts, ...]
 
     @classmethod
-    def of(cls, evaluation: Evaluation, robot: Robot) -> EvaluationFacts:
+    def of(cls, evaluation: Evaluation, robot: Robot) -> _EvaluationFacts:
         """What is known of an evaluation of a robot's simulator."""
         figures = FitFigures.model_validate(evaluation.detail or {})
         trials = [_trial(name, found, figures.protocol, robot) for name, found in figures.trials.items()]
@@ -186,10 +186,10 @@ class EvaluationFacts:
         return [_over_trials(markers) for markers in zip(*(trial.markers for trial in self.trials), strict=True)]
 
     @property
-    def sensors(self) -> list[SensorFacts]:
+    def sensors(self) -> list[_SensorFacts]:
         """Each sensor over all trials."""
         readings = zip(*(trial.sensors for trial in self.trials), strict=True)
-        return [SensorFacts(one[0].sensor, mean(reading.error for reading in one)) for one in readings]
+        return [_SensorFacts(one[0].sensor, mean(reading.error for reading in one)) for one in readings]
 
     @property
     def worst_trial(self) -> TrialFacts | None:
@@ -271,7 +271,7 @@ class RoundFacts:
     budget: int | None = None
 
     @cached_property
-    def here(self) -> EvaluationFacts:
+    def here(self) -> _EvaluationFacts:
         """The best evaluation so far."""
         return self.of(self.situation.incumbent)
 
@@ -323,12 +323,12 @@ class RoundFacts:
         return forward, [trial for trial, speed in speeds if speed is not None and speed <= 0]
 
     @cached_property
-    def _known(self) -> dict[int, EvaluationFacts]:
+    def _known(self) -> dict[int, _EvaluationFacts]:
         return {}
 
-    def of(self, evaluation: Evaluation) -> EvaluationFacts:
+    def of(self, evaluation: Evaluation) -> _EvaluationFacts:
         """What is known of one of the run's evaluations, made once."""
-        known = self._known.get(id(evaluation)) or EvaluationFacts.of(evaluation, self.robot)
+        known = self._known.get(id(evaluation)) or _EvaluationFacts.of(evaluation, self.robot)
         return self._known.setdefault(id(evaluation), known)
 
     @property
@@ -360,7 +360,7 @@ class RoundFacts:
         ]
 
 
-def _errors(known: EvaluationFacts) -> dict[str, float]:
+def _errors(known: _EvaluationFacts) -> dict[str, float]:
     """Errors by part, trial and marker [m]."""
     parts = {part: known.mean_of(f"{part}_error") for part in ("progress", "shape", "recoil")}
     parts |= {f"trial {trial.name}": trial.error for trial in known.trials}
@@ -407,7 +407,7 @@ def _trial(name: str, found: TrialFigures, protocol: str, robot: Robot) -> Trial
         velocity_real=found.velocity_real,
         markers=_markers(found, protocol, robot.marker_names),
         sensors=tuple(
-            SensorFacts(
+            _SensorFacts(
                 sensor, None if diverged else found.sensor_errors.get(sensor.name),
                 windows.sensors.get(sensor.name, ()) if windows else (),
             )

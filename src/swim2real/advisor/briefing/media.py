@@ -65,7 +65,7 @@ def shorter(detail: Detail) -> Detail:
 
 
 @dataclass(frozen=True)
-class Shown:
+class _Shown:
     """A picture or film with what it takes.
 
     Attributes:
@@ -121,7 +121,7 @@ def _rate(scenes: Sequence[TrialPictures], detail: Detail) -> float:
 
 def overlay(
     scene: TrialPictures, detail: Detail, takes_video: bool, what: str = "Trial", fps: float | None = None
-) -> Shown:
+) -> _Shown:
     """A trial's picture or film, simulated over real."""
     fps = fps or _rate([scene], detail)
     about = f"{what} {scene.title}: simulated (blue) over real (red)"
@@ -133,10 +133,10 @@ def overlay(
         scene.write_clip(path, fps, detail.width)
         data = path.read_bytes()
     label = f"{about}; {scene.clip_note}; {fps:g} frames per second."
-    return Shown(Media(label, "video/mp4", data, fps), VIDEO_FRAME_TOKENS * len(clip_times(scene.duration, fps)))
+    return _Shown(Media(label, "video/mp4", data, fps), VIDEO_FRAME_TOKENS * len(clip_times(scene.duration, fps)))
 
 
-def _real(scene: TrialPictures, detail: Detail, takes_video: bool, fps: float, videos: Films) -> Shown | None:
+def _real(scene: TrialPictures, detail: Detail, takes_video: bool, fps: float, videos: Films) -> _Shown | None:
     """The real film of a trial, None where there is none."""
     if scene.name not in videos:
         return None
@@ -149,7 +149,7 @@ def _real(scene: TrialPictures, detail: Detail, takes_video: bool, fps: float, v
     with _place() as path:
         film_clip(video, path, fps, detail.width, scene.duration, scene.start, rate)
         data = path.read_bytes()
-    return Shown(Media(f"{about}.", "video/mp4", data, fps), VIDEO_FRAME_TOKENS * len(clip_times(scene.duration, fps)))
+    return _Shown(Media(f"{about}.", "video/mp4", data, fps), VIDEO_FRAME_TOKENS * len(clip_times(scene.duration, fps)))
 
 
 @contextmanager
@@ -158,5 +158,5 @@ def _place() -> Generator[Path]:
         yield Path(folder) / "clip.mp4"
 
 
-def _picture(label: str, image: Bytes) -> Shown:
-    return Shown(Media(label, "image/png", to_png(image)), image.shape[0] * image.shape[1] // PIXELS_A_TOKEN)
+def _picture(label: str, image: Bytes) -> _Shown:
+    return _Shown(Media(label, "image/png", to_png(image)), image.shape[0] * image.shape[1] // PIXELS_A_TOKEN)

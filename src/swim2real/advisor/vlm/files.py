@@ -12,7 +12,7 @@ from swim2real.advisor.vlm.exchange import Attempt, Reply, Request
 from swim2real.advisor.vlm.transcript import CALLS
 from swimbase.errors import AdvisorError, WaitingForReply
 from swimbase.escaping import plain_markdown
-from swimbase.store import MOST_TEXT, read_bytes, reason, write_bytes, write_json, write_text
+from swimbase.store import MOST_TEXT, read_bytes, write_bytes, write_json, write_text, writing
 
 BRIEFING, SCHEMA, REPLY, PROBLEM = "briefing.md", "reply.schema.json", "reply.json", "reply.problem.txt"
 _POLL = 0.5  # s
@@ -63,20 +63,18 @@ class FilesClient:
         turn = f"_turn_{request.turn}" if request.turn > 1 else ""
         folder = self._folder / f"round_{request.round:03d}{turn}"
         began = time.monotonic()
-        try:
+        with writing(folder, AdvisorError, "make room or allow writing, --resume goes on"):
             if request.is_repair:
                 write_text(folder / PROBLEM, f"{request.problem}\n")
             else:
                 self._unusable = ""
                 self._write_briefing(folder, request)
-            text = self._wait(folder, request)
+            try:
+                text = self._wait(folder, request)
+            except ValueError as error:
+                message = f"reply '{folder / REPLY}' isn't read: {error}; shorten it, --resume goes on"
+                raise AdvisorError(message) from error
             (folder / PROBLEM).unlink(missing_ok=True)
-        except OSError as error:
-            raise AdvisorError(
-                f"can't work in '{folder}': {reason(error)}; make room or allow writing, --resume goes on"
-            ) from error
-        except ValueError as error:
-            raise AdvisorError(f"reply '{folder / REPLY}' isn't read: {error}; shorten it, --resume goes on") from error
         self._unusable = text
         return Reply(text, "stop", None, None, None, None, attempts=(Attempt(time.monotonic() - began),))
 

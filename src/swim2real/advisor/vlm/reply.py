@@ -32,7 +32,7 @@ class ReplyError(AdvisorError):
 
 
 @dataclass(frozen=True)
-class ParsedReply:
+class _ParsedReply:
     """What a usable reply says.
 
     Attributes:
@@ -57,9 +57,9 @@ class ParsedReply:
     probe: bool = False
     measure: tuple[str, ...] = ()
     step_sizes: tuple[float, ...] = ()
-    alternatives: tuple[ParsedReply, ...] = ()
+    alternatives: tuple[_ParsedReply, ...] = ()
 
-    def notes(self) -> dict[str, Any]:
+    def notes(self) -> dict[str, object]:
         """What was corrected without asking again, ready for JSON."""
         notes = {"ignored": list(self.ignored), "missing": list(self.missing), "clipped": dict(self.clipped)}
         return {name: content for name, content in notes.items() if content}
@@ -79,7 +79,7 @@ class ParsedReply:
     def point(self, space: ParameterSpace, incumbent: NDArray[np.float64]) -> NDArray[np.float64]:
         """In the unit cube; coordinates of parameters that keep their values are the incumbent's own. Shape (d,)."""
         current = space.to_values(incumbent)
-        moved = np.array([not is_same(self.values[name], current[name]) for name in space.names])
+        moved = np.array([not _is_same(self.values[name], current[name]) for name in space.names])
         return np.where(moved, space.to_cube(self.values), incumbent)
 
 
@@ -100,7 +100,7 @@ class _Try(BaseModel):
     model_config = ConfigDict(strict=True, extra="ignore")
 
     reasoning: Text = ""
-    parameters: dict[str, Any] = {}
+    parameters: dict[str, object] = {}
     step_sizes: Annotated[list[StepSize], Field(max_length=_MOST_TRIES)] | None = None
 
 
@@ -111,7 +111,7 @@ class _Answer(_Try):
     alternatives: Annotated[list[_Try], Field(max_length=_MOST_TRIES)] | None = None
 
 
-def reply_schema(space: ParameterSpace, bounds: bool = False, several: bool = False) -> dict[str, Any]:
+def reply_schema(space: ParameterSpace, bounds: bool = False, several: bool = False) -> dict[str, object]:
     """JSON schema of a reply.
 
     Args:
@@ -119,13 +119,13 @@ def reply_schema(space: ParameterSpace, bounds: bool = False, several: bool = Fa
         bounds: Whether it says what a value may be. Services refuse schemas with many bounds.
         several: Whether it has step sizes and alternatives.
     """
-    numbers: dict[str, Any] = {}
+    numbers: dict[str, object] = {}
     for parameter in space:
         limits = {"minimum": parameter.lower, "maximum": parameter.upper} if bounds else {}
         numbers[parameter.name] = {"type": "number", "description": parameter.unit, **limits}
     texts = {"diagnosis": "what differs, seen and measured", "reasoning": "which parameters are responsible, and why"}
     steps = {"type": "array", "items": {"type": "number"}, "description": "shares of the way to try, in order"}
-    properties: dict[str, Any] = {name: {"type": "string", "description": text} for name, text in texts.items()}
+    properties: dict[str, object] = {name: {"type": "string", "description": text} for name, text in texts.items()}
     properties |= {
         "parameters": _object(numbers),
         "probe": {"type": "boolean", "description": "true: only measure these values, don't go there"},
@@ -142,16 +142,16 @@ def reply_schema(space: ParameterSpace, bounds: bool = False, several: bool = Fa
     return _object(properties)
 
 
-def _object(properties: Mapping[str, Any]) -> dict[str, Any]:
+def _object(properties: Mapping[str, object]) -> dict[str, object]:
     return {"type": "object", "properties": properties, "required": list(properties), "additionalProperties": False}
 
 
-def is_same(value: float, current: float) -> bool:
+def _is_same(value: float, current: float) -> bool:
     """Whether a value only repeats the current one, as rounded as it was shown."""
     return abs(value - current) <= SAME * abs(current)
 
 
-def parse_reply(text: str, space: ParameterSpace, current: Mapping[str, float]) -> ParsedReply:
+def parse_reply(text: str, space: ParameterSpace, current: Mapping[str, float]) -> _ParsedReply:
     """Makes parameter values of a reply.
 
     JSON may stand in a fence or among prose. Unknown names are ignored, missing ones (or null) keep their value, values
@@ -176,12 +176,12 @@ def parse_reply(text: str, space: ParameterSpace, current: Mapping[str, float]) 
         for name in measure:
             if name not in space.names:
                 raise ReplyError(f"'measure' names no parameter of the simulator: {unknown_name(name, space.names)}")
-        return ParsedReply(dict(current), *texts, measure=measure)
+        return _ParsedReply(dict(current), *texts, measure=measure)
     others = tuple(_tried(one, ("", _cleaned(one.reasoning)), space, current) for one in answer.alternatives or ())
     return replace(_tried(answer, texts, space, current), probe=bool(answer.probe), alternatives=others)
 
 
-def _tried(answer: _Try, texts: tuple[str, str], space: ParameterSpace, current: Mapping[str, float]) -> ParsedReply:
+def _tried(answer: _Try, texts: tuple[str, str], space: ParameterSpace, current: Mapping[str, float]) -> _ParsedReply:
     """The values of one proposal."""
     given = {name: value for name, value in answer.parameters.items() if value is not None}
     values, clipped, problems = dict(current), dict[str, float](), list[str]()
@@ -204,15 +204,15 @@ def _tried(answer: _Try, texts: tuple[str, str], space: ParameterSpace, current:
     if len(missing) == len(space):
         hint = unknown_name(ignored[0], space.names) if ignored else "'parameters' is empty"
         raise ReplyError(f"no parameter of the simulator has a value: {hint}")
-    if all(is_same(values[name], current[name]) for name in space.names):
+    if all(_is_same(values[name], current[name]) for name in space.names):
         raise ReplyError("no parameter changes; propose values that differ from the current ones")
     sizes = tuple(answer.step_sizes or ())
-    return ParsedReply(values, *texts, ignored, missing, clipped, step_sizes=sizes)
+    return _ParsedReply(values, *texts, ignored, missing, clipped, step_sizes=sizes)
 
 
-def _json_object(text: str) -> dict[str, Any]:
+def _json_object(text: str) -> dict[str, object]:
     """The last JSON object in a text that has parameters."""
-    objects: list[dict[str, Any]] = []
+    objects: list[dict[str, object]] = []
     problem = ""
     at = text.find("{")
     for _ in range(_MOST_BRACES):

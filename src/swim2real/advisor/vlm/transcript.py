@@ -17,7 +17,7 @@ from swim2real.advisor.vlm.exchange import Attempt, Media, Reply, Request
 from swim2real.optimizers import Evaluation
 from swimbase.checking import read
 from swimbase.errors import AdvisorError
-from swimbase.store import reason, write_bytes, write_json
+from swimbase.store import write_bytes, write_json, writing
 
 CALLS = "advisor"  # folder of a run
 MEDIA = "media"
@@ -77,12 +77,12 @@ class ShownMedia:
 
 
 @dataclass(frozen=True)
-class ShownRequest:
+class _ShownRequest:
     """What was shown in a request, as `Request` has it."""
 
     parts: tuple[ShownMedia | str, ...] = ()
     instructions: str = ""
-    schema: Mapping[str, Any] = field(default_factory=dict[str, Any])
+    schema: Mapping[str, object] = field(default_factory=dict[str, object])
     max_tokens: int = 0
 
 
@@ -115,7 +115,7 @@ class Call:
     incumbent: Incumbent
     reply: Reply | None
     attempts: tuple[Attempt, ...]
-    request: ShownRequest = ShownRequest()
+    request: _ShownRequest = _ShownRequest()
     turn: Annotated[int, Field(gt=0, lt=_MOST_CALLS)] = 1
     format: Literal[1] = 1
 
@@ -208,18 +208,14 @@ class Transcript:
         """
         number = max((earlier.number for earlier in self._calls), default=0) + 1
         path = self.folder / f"call_{number:04d}.json"
-        try:
+        remedy = "make room or allow writing there, --resume goes on"
+        with writing(self.folder, AdvisorError, remedy, what="transcript"):
             (self.folder / MEDIA).mkdir(parents=True, exist_ok=True)
             parts = tuple(part if isinstance(part, str) else self._write_media(part) for part in request.parts)
-            shown = ShownRequest(parts, request.instructions, request.schema, request.max_tokens)
+            shown = _ShownRequest(parts, request.instructions, request.schema, request.max_tokens)
             # a failed call has attempts as well, so they stand beside the reply
             whole = _CALL.dump_python(replace(call, number=number, request=shown), exclude={"reply": {"attempts"}})
             write_json(path, _kept(whole), indent=1)
-        except OSError as error:
-            raise AdvisorError(
-                f"can't write the transcript '{self.folder}': {reason(error)}; make room or allow writing "
-                f"there, --resume goes on"
-            ) from error
         self._calls.append(self._read(path))  # as a later reader will have it, to the last digit
         return self._calls[-1]
 
