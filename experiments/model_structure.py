@@ -137,7 +137,7 @@ def extended(name, extras):
                 extra.write(spec, value)
         return spec
 
-    trials = replace(FISH.trials, swims=replace(FISH.swims, response=None))
+    trials = replace(FISH.swims, response=None)
     return replace(FISH, name=name, space=space, build=build, trials=trials)
 
 

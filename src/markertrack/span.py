@@ -28,28 +28,26 @@ class Span:
         if not 0 <= self.begin < math.inf:
             raise ArgumentError(f"--from is {self.begin:g} s; it must be finite and 0 or above")
         if self.until is not None and not self.begin < self.until < math.inf:
-            raise ArgumentError(
-                f"--until is {self.until:g} s; it must be finite and after --from, which is {self.begin:g} s"
-            )
+            after = f"it must be finite and after --from, which is {self.begin:g} s"
+            raise ArgumentError(f"--until is {self.until:g} s; {after}")
 
     @property
     def whole(self) -> bool:
-        """Whether nothing is cut off."""
+        """True where nothing is cut off."""
         return self.begin == 0 and self.until is None
 
     @property
     def words(self) -> str:
         """The stretch, in words, such as `from 2 s to 5 s`; empty where nothing is cut off."""
-        if self.whole:
-            return ""
-        return f"from {self.begin:g} s to {'the end' if self.until is None else f'{self.until:g} s'}"
+        end = "the end" if self.until is None else f"{self.until:g} s"
+        return "" if self.whole else f"from {self.begin:g} s to {end}"
 
     def before(self, time: float) -> bool:
-        """Whether a time comes before the stretch [s]."""
+        """True for a time before the stretch [s]."""
         return time < self.begin - ROUNDING
 
     def after(self, time: float) -> bool:
-        """Whether a time comes after the stretch [s]."""
+        """True for a time after the stretch [s]."""
         return self.until is not None and time > self.until + ROUNDING
 
     def check(self, last: float, what: str) -> None:
@@ -76,7 +74,7 @@ class Span:
         kept = [not (self.before(time) or self.after(time)) for time in track.times.tolist()]
         if sum(kept) < 2:
             raise TrialError(f"{what} has {sum(kept)} frames {self.words}; a trial needs at least 2, so cut off less")
-        return MarkerTrack(track.times[kept], track.positions[kept], track.confidence[kept])
+        return track.frames(kept)
 
 
 WHOLE = Span()

@@ -49,9 +49,17 @@ class MarkerTrack:
             raise TrialError(f"confidence has shape {given.shape}; expected (T, M) = {seen.shape}")
         if np.any((given < 0) | (given > 1)):
             raise TrialError("confidence must lie within 0 and 1")
-        object.__setattr__(self, "times", stamps)
-        object.__setattr__(self, "positions", points)
-        object.__setattr__(self, "confidence", _frozen(np.where(seen, np.nan_to_num(given), 0.0)))
+        confidences = _frozen(np.where(seen, np.nan_to_num(given), 0.0))
+        vars(self).update(times=stamps, positions=points, confidence=confidences)
+
+    @classmethod
+    def without_markers(cls, times: Array) -> MarkerTrack:
+        """A track of nothing but time stamps, of a trial that wasn't filmed."""
+        return cls(times, np.zeros((len(times), 0, 2)))
+
+    def frames(self, kept: slice | NDArray[np.bool_] | list[bool]) -> MarkerTrack:
+        """Some of its frames, by a slice or a mask."""
+        return MarkerTrack(self.times[kept], self.positions[kept], self.confidence[kept])
 
     @property
     def frame_count(self) -> int:

@@ -4,6 +4,11 @@ A message names the thing, its value, what is allowed and what to do. The comman
 leaves with `exit_code`; only `--debug` shows a traceback.
 """
 
+from __future__ import annotations
+
+from collections.abc import Generator
+from contextlib import contextmanager
+
 
 class Swim2RealError(Exception):
     """Root of the tree: catch it to catch all that swim2real raises on purpose."""
@@ -71,3 +76,12 @@ class RunError(Swim2RealError):
 
 class MissingExtraError(Swim2RealError):
     """An optional library isn't installed."""
+
+
+@contextmanager
+def about(what: object, remedy: str = "") -> Generator[None]:
+    """Puts the thing that it is about before the message of an error of this tree, and what to do behind it."""
+    try:
+        yield
+    except Swim2RealError as error:
+        raise type(error)(f"{what}: {error}{remedy}") from error

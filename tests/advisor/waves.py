@@ -28,7 +28,7 @@ def eel(count: int = 5):
     return replace(
         FISH, name="eel", description="A swimming chain of links.", space=EEL_SPACE, marker_names=names,
         rest_markers=rest, marker_heights=np.zeros(count), links=(),
-        trials=replace(FISH.trials, swims=replace(FISH.swims, tail_markers=(count - 1,))),
+        trials=replace(FISH.swims, tail_markers=(count - 1,)),
     )  # fmt: skip
 
 

@@ -51,7 +51,7 @@ def test_a_robot_known_to_swim_head_first_where_no_trial_shows_it_refuses_what_d
         pytest.skip("with the newer lift force these parameters swim another way")
     swims = [Swim("slow", Actuation(0.7, 0.0, 0.0), 3.0)]
     filmed = TrialSet(tuple(simulator.simulate(FISH.space.published, swims)), FISH.marker_names)
-    known = replace(FISH, trials=replace(FISH.trials, swims=replace(FISH.swims, head_first=(1.3, 1.7))))
+    known = replace(FISH, trials=replace(FISH.swims, head_first=(1.3, 1.7)))
     plain = Problem(FISH, filmed, simulator=simulator, start="speed")
     strict = Problem(known, filmed, simulator=simulator)
     assert strict.protocol.start == "speed"

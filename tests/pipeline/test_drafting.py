@@ -40,7 +40,7 @@ def test_a_file_loads_as_it_is_and_every_parameter_shows(begun, name):
     robot = load_robot(out)
     assert list(robot.space.names) == draft.calibrated
     assert set(draft.candidates) == {*draft.calibrated, *draft.aside}
-    assert robot.trials.swims is None
+    assert not robot.trials.steady
     found = probe(robot, threads=1)
     assert not any(one.refused or one.lower.failure or one.upper.failure for one in found)
     assert min(one.distance for one in found) >= FAINT

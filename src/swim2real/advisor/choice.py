@@ -70,7 +70,7 @@ def make_advisor(
     """
     check_advisor(name)
     if name == PHYSICS:
-        measured = robot.trials.swims is not None and robot.trials.swims.response is not None
+        measured = robot.trials.steady and robot.swims.response is not None
         return PhysicsAdvisor(robot, space, seed) if measured else SensitivityAdvisor(space, seed)
     if (source := replayed_run(name)) is not None:
         return ReplayAdvisor(Transcript(source), space)

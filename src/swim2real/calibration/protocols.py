@@ -274,9 +274,8 @@ class Playback(Protocol[PlaybackSimulator]):
         check_plausible(trial.track, robot.rest_markers, robot.marker_names, trial.name)
         trials, lost, cut = robot.trials, check_bodies(trial.track, robot.marker_bodies), trial.cut(horizon)
         weights = lost.weights[: cut.track.frame_count]
-        scales = {sensor.name: sensor.meters_per_unit for sensor in trials.sensors}
         request = simulator.request(cut, weights, self.pieces, start)
-        target = playback_target(request.trial, weights, trials.frame, trials.score_progress, scales)
+        target = playback_target(request.trial, weights, trials.frame, trials.score_progress, trials.scales)
         recorded = {
             "controls": [] if trial.controls is None else list(trial.controls.names),
             "sensors": [] if trial.sensors is None else list(trial.sensors.names),

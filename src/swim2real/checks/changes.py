@@ -1,4 +1,4 @@
-"""What real trials may be other than what they are taken for: an algebra of the changes that would make them right.
+"""Changes that would make real trials right which aren't what they are taken for: an algebra.
 
 In the order of their simplicity: another scale, another sign or other axes, another order of markers, columns or files,
 another clock. Each is a function of trials; whether it explains them is judged elsewhere, by their motion or by poses.
@@ -9,7 +9,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import combinations
+from itertools import combinations, pairwise
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +23,7 @@ from swim2real.robots.robot import Robot
 from swim2real.trials import Signals, Trial
 
 Array = NDArray[np.float64]
+Item = TypeVar("Item")
 Undo = Callable[[Sequence[Trial]], list[Trial]]
 
 _MOST_SWAPS = 66  # pairs of markers or columns that are tried
@@ -42,7 +44,7 @@ class Change:
     """A change that would make trials right.
 
     Attributes:
-        said: What the trials are if it does, and what to type, as the end of a sentence.
+        said: The trials' fault if it does, and what to type, as the end of a sentence.
         undo: Makes it, for each of some trials.
         streams: Streams that it is about, `markers` or names of sensors; None for all.
         scale: By how much it makes the markers' distances larger.
@@ -54,46 +56,44 @@ class Change:
     scale: float = 1.0
 
 
-def each(change: Callable[[Trial], Trial]) -> Undo:
+def _each(change: Callable[[Trial], Trial]) -> Undo:
     """The same for every trial."""
     return lambda trials: [change(trial) for trial in trials]
 
 
 def moved(trial: Trial, positions: Array) -> Trial:
     """The trial, or its first frames, with its markers elsewhere. Shape (T, M, 2)."""
-    track = trial.track
-    return replace(
-        trial, track=MarkerTrack(track.times[: len(positions)], positions, track.confidence[: len(positions)])
-    )
+    track = trial.track.frames(slice(len(positions)))
+    return replace(trial, track=MarkerTrack(track.times, positions, track.confidence))
 
 
 def _placed(change: Callable[[Array], Array]) -> Undo:
-    return each(lambda trial: moved(trial, change(trial.track.positions)))
+    return _each(lambda trial: moved(trial, change(trial.track.positions)))
+
+
+def _scaled(scale: float) -> Undo:
+    return _placed(lambda places: scale * places)
 
 
 def of_distances(robot: Robot) -> Iterator[Change]:
-    """What markers may be that changes the distances between them."""
+    """Changes of the distances between markers."""
     names, count = robot.marker_names, len(robot.marker_names)
     for unit, scale in (("mm", 1e-3), ("cm", 1e-2)):
         said = f"its markers look like {unit}, not m: say the unit of the columns"
-        change = _placed(lambda places, scale=scale: scale * places)
-        yield Change(f"{said} (--markers {names[0]}=XCOLUMN,YCOLUMN:{unit} …)", change, None, scale)
-    check = (
-        "check the camera file's lengths, the unit of the columns (--markers NAME=XCOLUMN,YCOLUMN:UNIT), or the model's"
-    )
+        yield Change(f"{said} (--markers {names[0]}=XCOLUMN,YCOLUMN:{unit} …)", _scaled(scale), None, scale)
+    check = "check the camera file's lengths, the unit of the columns (--markers NAME=XCOLUMN,YCOLUMN:UNIT)"
     for scale in _SCALES if count > 1 else ():
-        said = f"its markers are about {1 / scale:.2g} times as far apart as the robot's; {check}"
-        yield Change(said, _placed(lambda places, scale=scale: scale * places), None, scale)
-    for i, j in _pairs(count):
-        order = [j if m == i else i if m == j else m for m in range(count)]
-        yield Change(
-            f"markers {names[i]} and {names[j]} look swapped; click them again, or swap their columns (--markers)",
-            _placed(lambda places, order=order: places[:, order]),
-        )
+        said = f"its markers are about {1 / scale:.2g} times as far apart as the robot's; {check}, or the model's"
+        yield Change(said, _scaled(scale), None, scale)
+    for i, j in _pairs(range(count)):
+        order = list(range(count))
+        order[i], order[j] = j, i
+        said = f"markers {names[i]} and {names[j]} look swapped; click them again, or swap their columns (--markers)"
+        yield Change(said, _placed(lambda places, order=order: places[:, order]))
 
 
 def of_places(robot: Robot, beside: Array) -> Iterator[Change]:
-    """What markers may be that keeps the distances between them: other axes, another origin, the other end first.
+    """Changes of markers that keep the distances between them: other axes, another origin, the other end first.
 
     Args:
         robot: Whose they should be.
@@ -102,7 +102,7 @@ def of_places(robot: Robot, beside: Array) -> Iterator[Change]:
     first, last = robot.marker_names[0], robot.marker_names[-1]
     right, up = ("xyz"[axis] for axis in robot.plane)
     camera = f"the camera sees {right} to its right and {up} up; mend the camera file"
-    if robot.trials.frame is None and robot.trials.swims is None:  # else its place is of no importance
+    if robot.trials.frame is None:  # else its place is of no importance
         for said, turn in {
             "its axes look swapped": [[0, 1], [1, 0]], f"its {up} looks upside down": [[1, 0], [0, -1]],
             f"its {right} looks mirrored": [[-1, 0], [0, 1]], "it looks turned by 180 degrees": [[-1, 0], [0, -1]],
@@ -110,95 +110,90 @@ def of_places(robot: Robot, beside: Array) -> Iterator[Change]:
         }.items():  # fmt: skip
             change = _placed(lambda places, turn=turn: places @ np.transpose(turn))
             yield Change(f"{said}: {camera}, or the columns of --markers", change)
-        yield Change(
-            f"it lies beside the robot by {right} {1e3 * beside[0]:+.0f} mm, {up} {1e3 * beside[1]:+.0f} mm; check the "
-            f"camera file's origin, which must be the model's",
-            _placed(lambda places: places - beside),
-        )
-    elif robot.trials.swims is None:  # a robot that looks the same in a mirror, as long as it doesn't move
+        by = f"by {right} {1e3 * beside[0]:+.0f} mm, {up} {1e3 * beside[1]:+.0f} mm"
+        said = f"it lies beside the robot {by}; check the camera file's origin, which must be the model's"
+        yield Change(said, _placed(lambda places: places - beside))
+    elif not robot.trials.steady:  # a robot that looks the same in a mirror, as long as it doesn't move
         said = f"it moves as the robot does in a mirror: {camera}, or the signs of all commands"
         yield Change(said, _placed(lambda places: places * [1.0, -1.0]))
-    if len(robot.marker_names) > 1:
+    if first != last:
         said = f"its markers fit the robot in the other order, from {last} to {first}; click, or name, {first} first"
         yield Change(said, _placed(lambda places: places[:, ::-1]))
 
 
 def of_pixels(robot: Robot, trials: Sequence[Trial], played: Sequence[Trial]) -> Iterator[Change]:
     """Positions that were never turned into meters: of another scale, from the corner of a picture whose y is down."""
-    pairs = [(_centered(real), _centered(made)) for real, made in zip(trials, played, strict=True)]
-    real, made = (float(np.sqrt(np.nanmean(np.square(np.concatenate(one))))) for one in zip(*pairs, strict=True))
-    if robot.trials.frame is None and made > 0 and not 1 / _FAR < real / made < _FAR:
-        factor = made / real
-        places = zip(trials, played, strict=True)
-        start = {one.name: (one.track.positions[0], other.track.positions[0]) for one, other in places}
+    real, made = (float(np.sqrt(np.nanmean(np.square(np.concatenate([*map(_centered, s)]))))) for s in (trials, played))
+    if robot.trials.frame is not None or not made > 0 or 1 / _FAR < real / made < _FAR:
+        return
+    factor = made / real
+    pairs = zip(trials, played, strict=True)
+    begun = {one.name: (one.track.positions[0], other.track.positions[0]) for one, other in pairs}
 
-        def undo(trial: Trial) -> Trial:
-            real, made = start[trial.name]
-            flipped = factor * (trial.track.positions - np.nanmean(real, axis=0)) * [1.0, -1.0]
-            return moved(trial, flipped + np.nanmean(made, axis=0))
+    def undo(trial: Trial) -> Trial:
+        corner, origin = (np.nanmean(places, axis=0) for places in begun[trial.name])
+        return moved(trial, factor * (trial.track.positions - corner) * [1.0, -1.0] + origin)
 
-        yield Change(
-            f"its markers look like pixels, of about {1e3 * factor:.2g} mm, y down: say --markers "
-            f"NAME=XCOLUMN:{factor:.2g},YCOLUMN:-{factor:.2g}, or use import-tracks with a camera file",
-            each(undo), None, factor,
-        )  # fmt: skip
+    said = (
+        f"its markers look like pixels, of about {1e3 * factor:.2g} mm, y down: say --markers "
+        f"NAME=XCOLUMN:{factor:.2g},YCOLUMN:-{factor:.2g}, or use import-tracks with a camera file"
+    )
+    yield Change(said, _each(undo), None, factor)
 
 
 def of_commands(robot: Robot, trials: Sequence[Trial]) -> Iterator[Change]:
-    """What tables of commands may be."""
+    """Changes of tables of commands."""
     names = [name for name, drive in robot.trials.controls.items() if drive.table]
-    if not names or any(trial.controls is None for trial in trials):
+    if not names or any("controls" not in trial.signals for trial in trials):
         return
-    every = {name: (name, 1.0) for name in names}
     for what, factor in _FACTORS.items():
         scaled = {name: (name, factor) for name in names}
         yield Change(f"commands look like {what}: say NAME=COLUMN:UNIT (--controls)", _columns("controls", scaled))
     for name in names:
         said = f"commands of actuator '{name}' look of the other sign: say NAME=COLUMN:-1, or turn the model's gear"
-        yield Change(said, _columns("controls", {**every, name: (name, -1.0)}))
-    for i, j in _pairs(len(names)):
-        one, other = names[i], names[j]
+        yield Change(said, _columns("controls", {name: (name, -1.0)}))
+    for one, other in _pairs(names):
         said = f"commands of '{one}' and '{other}' look swapped; name their columns the other way round (--controls)"
-        yield Change(said, _columns("controls", {**every, one: (other, 1.0), other: (one, 1.0)}))
+        yield Change(said, _columns("controls", {one: (other, 1.0), other: (one, 1.0)}))
     yield from _exchanged(trials, "controls", None)
 
 
 def of_readings(robot: Robot, trials: Sequence[Trial], played: Sequence[Trial]) -> Iterator[Change]:
-    """What tables of readings may be, beside what the robot would read."""
-    names = [sensor.name for sensor in robot.trials.sensors]
-    if any(trial.sensors is None for trial in trials):
+    """Changes of tables of readings, beside what the robot would read."""
+    units = {sensor.name: sensor.unit for sensor in robot.trials.sensors}
+    if any("sensors" not in trial.signals for trial in trials):
         return
-    every = {name: (name, 1.0) for name in names}
-    for unit in dict.fromkeys(sensor.unit for sensor in robot.trials.sensors):  # a table has them all in one
-        alike = [sensor.name for sensor in robot.trials.sensors if sensor.unit == unit]
+
+    def change(said: str, sources: Mapping[str, tuple[str, float]], less: float = 0.0) -> Change:
+        return Change(said, _columns("sensors", sources, less), tuple(sources))
+
+    for unit in dict.fromkeys(units.values()):  # a table has them all in one
+        alike = [name for name in units if units[name] == unit]
         who = f"readings of sensor{'s' * (len(alike) > 1)} {listed([repr(name) for name in alike])}"
         for what, factor in _FACTORS.items():
             said = f"{who} look like {what}: say NAME=COLUMN:UNIT (--sensors)"
-            yield Change(said, _columns("sensors", {**every, **{name: (name, factor) for name in alike}}), tuple(alike))
-    for name in names if all(one.sensors is not None for one in played) else ():
-        real, made = (np.concatenate([_column(one, name) for one in some]) for some in (trials, played))
+            yield change(said, {name: (name, factor) for name in alike})
+    for name in units if all("sensors" in one.signals for one in played) else ():
+        real, made = (np.concatenate([_readings(one).column(name) for one in some]) for some in (trials, played))
         sizes = float(np.nanstd(real)), float(np.nanstd(made))
-        if not all(size > 0 for size in sizes):
+        if not min(sizes) > 0:
             continue
         factor, who = sizes[1] / sizes[0], f"readings of sensor '{name}'"
         near = {what: times for what, times in _FACTORS.items() if 1 / _NEAR < factor / times < _NEAR}
-        for what, times in near.items() if len(names) > 1 else ():
-            said = f"{who} look like {what}: say NAME=COLUMN:UNIT (--sensors)"
-            yield Change(said, _columns("sensors", {**every, name: (name, times)}), (name,))
+        for what, times in near.items() if len(units) > 1 else ():
+            yield change(f"{who} look like {what}: say NAME=COLUMN:UNIT (--sensors)", {name: (name, times)})
         if not near and not 1 / _FAR < factor < _FAR:
             said = f"{who} vary {1 / factor:.3g} times as much as the robot's own; give their unit (--sensors)"
-            yield Change(said, _columns("sensors", {**every, name: (name, factor)}), (name,))
+            yield change(said, {name: (name, factor)})
         said = f"{who} look of the other sign: say NAME=COLUMN:-1 (--sensors), or turn the model's axis"
-        yield Change(said, _columns("sensors", {**every, name: (name, -1.0)}), (name,))
+        yield change(said, {name: (name, -1.0)})
         gap = float(np.nanmean(real) - np.nanmean(made))
-        said = f"{who} are {gap:+.3g} beside the robot's own; subtract that"
-        yield Change(said, _columns("sensors", every, {name: gap}), (name,))
-    for i, j in _pairs(len(names)):
-        one, other = names[i], names[j]
+        yield change(f"{who} are {gap:+.3g} beside the robot's own; subtract that", {name: (name, 1.0)}, gap)
+    for one, other in _pairs(list(units)):
         which = f"sensors '{one}' and '{other}'{'' if robot.marker_names else ', or the commands that move them,'}"
         said = f"{which} look swapped; name their columns the other way round (--sensors)"
-        yield Change(said, _columns("sensors", {**every, one: (other, 1.0), other: (one, 1.0)}), (one, other))
-    yield from _exchanged(trials, "sensors", tuple(names))
+        yield change(said, {one: (other, 1.0), other: (one, 1.0)})
+    yield from _exchanged(trials, "sensors", tuple(units))
 
 
 def of_clocks(robot: Robot, trials: Sequence[Trial], driven: Sequence[Trial]) -> Iterator[Change]:
@@ -207,62 +202,56 @@ def of_clocks(robot: Robot, trials: Sequence[Trial], driven: Sequence[Trial]) ->
     Args:
         robot: The robot.
         trials: Real trials.
-        driven: What it does, as its commands have it, each as long as these last.
+        driven: Trials that its commands make of it, each as long as these last.
     """
-    readings = tuple(sensor.name for sensor in robot.trials.sensors)
-    unit, begin = (
-        "say the unit of the time (--time COLUMN:UNIT)",
-        "say when the log begins (--from), or shift its time_s",
-    )
+    readings = tuple(robot.trials.scales)
+    unit = "say the unit of the time (--time COLUMN:UNIT)"
+    begin = "say when the log begins (--from), or shift its time_s"
     several = [slice(k, k + 1) for k in range(len(trials))] if len(trials) > 1 else []
     for some in (slice(None), *several):  # a clock may be that of one trial alone
         if robot.marker_names:
-            clocks = _Clocks(robot, trials[some], driven[some], "markers")
+            clocks = _Clocks(robot, trials[some], driven[some], readings=False)
             for late in clocks.lags():
-                words = ("late", "early") if late > 0 else ("early", "late")
-                said = f"its film seems {abs(late):.2f} s {words[0]}, or its commands as {words[1]}"
-                yield Change(f"{said}; {begin}", each(partial(_shifted, later=-late, stream="markers")))
+                said = _late("its film seems", late)
+                yield Change(f"{said}; {begin}", _shifted(controls=late))
                 if readings:
-                    yield Change(
-                        f"{said}, readings included; {begin}", each(partial(_shifted, later=-late, stream="film"))
-                    )
+                    yield Change(f"{said}, readings included; {begin}", _shifted(controls=late, sensors=late))
             for ratio in clocks.ratios():
                 said = f"its frames last {ratio:.3g} times as long as what drove it: give --fps, about"
                 rate = f"{ratio * trials[0].fps:.4g}, the rate at which the camera took them"
-                slower = partial(_stretched, factor=1 / ratio, filmed=True)
-                yield Change(f"{said} {rate}, or {unit}", each(slower))
+                yield Change(f"{said} {rate}, or {unit}", _each(partial(_faster, ratio=ratio, filmed=True)))
         if readings:
-            clocks = _Clocks(robot, trials[some], driven[some], "readings")
-            for late in clocks.lags():
-                words = ("late", "early") if late > 0 else ("early", "late")
-                said = f"its readings seem {abs(late):.2f} s {words[0]}, or its commands as {words[1]}"
-                yield Change(f"{said}; {begin}", each(partial(_shifted, later=-late, stream="readings")), readings)
+            clocks = _Clocks(robot, trials[some], driven[some], readings=True)
+            for late in clocks.lags():  # without a film, its frames are its readings
+                undo = _shifted(sensors=-late) if robot.marker_names else _shifted(controls=late)
+                yield Change(f"{_late('its readings seem', late)}; {begin}", undo, readings)
             for ratio in clocks.ratios():
                 said = f"its readings last {ratio:.3g} times as long as what drove it: {unit}"
-                yield Change(said, each(partial(_stretched, factor=1 / ratio, filmed=False)), readings)
+                yield Change(said, _each(partial(_faster, ratio=ratio, filmed=False)), readings)
+
+
+def _late(what: str, late: float) -> str:
+    one, other = ("late", "early") if late > 0 else ("early", "late")
+    return f"{what} {abs(late):.2f} s {one}, or its commands as {other}"
 
 
 class _Clocks:
-    """How a stream lies on another clock than what its commands make of the robot."""
+    """A stream of trials beside what their commands make of the robot, to find the clock that brings both together."""
 
-    def __init__(self, robot: Robot, trials: Sequence[Trial], driven: Sequence[Trial], stream: str) -> None:
+    def __init__(self, robot: Robot, trials: Sequence[Trial], driven: Sequence[Trial], readings: bool) -> None:
+        """Takes the markers, or the readings, of trials and of what their commands make."""
         self._pairs: list[tuple[Array, Array, Array, Array]] = []
-        self._ratios: list[float] = []
-        names = tuple(sensor.name for sensor in robot.trials.sensors)
         for real, made in zip(trials, driven, strict=True):
-            if made.divergence is not None:
-                continue
-            both = [_numbers(one, robot.trials.frame, stream, names) for one in (real, made)]
-            (times, values), (sim_times, simulated) = both
-            kept = np.unique(np.linspace(0, len(times) - 1, _SAMPLES).astype(int))
-            self._pairs.append((times[kept], values[kept], sim_times, simulated))
-            self._ratios.append(float(np.ptp(times) / max(np.ptp(sim_times), 1e-9)))
-        both = [np.fmax(np.nanstd(one[1], axis=0), np.nanstd(one[3], axis=0)) for one in self._pairs]
+            if made.divergence is None:
+                (times, values), simulated = (_numbers(one, robot, readings) for one in (real, made))
+                kept = np.unique(np.linspace(0, len(times) - 1, _SAMPLES).astype(int))
+                self._pairs.append((times[kept], values[kept], *simulated))
+        both = [np.fmax(np.nanstd(real, axis=0), np.nanstd(made, axis=0)) for _, real, _, made in self._pairs]
         sizes = np.maximum(np.mean(both, axis=0), 1e-9) if both else np.ones(1)
-        self._sizes = np.full_like(sizes, sizes.max()) if stream == "markers" else sizes
+        self._sizes = sizes if readings else np.full_like(sizes, sizes.max())
 
     def lags(self) -> list[float]:
-        """By how much it is late [s], where that explains it best."""
+        """Delays of the stream [s] that explain it best."""
         if not self._pairs:
             return []
         step = float(np.median([np.diff(times).mean() for times, *_ in self._pairs]))
@@ -271,11 +260,13 @@ class _Clocks:
         return self._least(lags, lambda lag: self._error(1.0, lag), 0.0, step)
 
     def ratios(self) -> list[float]:
-        """How many times as long it lasts, where that explains it best; and as its length beside the commands' says."""
+        """Ratios of its duration to the commands', where one explains it best; and that of both lengths."""
+        if not self._pairs:
+            return []
         grid = np.exp(np.arange(-np.log(_STRETCH), np.log(_STRETCH), 0.02))
-        found = self._least(grid, lambda ratio: self._error(ratio, 0.0), 1.0, 0.02) if self._pairs else []
-        lengths = [float(np.median(self._ratios))] if self._ratios else []
-        return [*found, *(one for one in lengths if abs(np.log(one)) > 0.03)]
+        found = self._least(grid, lambda ratio: self._error(ratio, 0.0), 1.0, 0.02)
+        length = float(np.median([np.ptp(times) / max(np.ptp(driven), 1e-9) for times, _, driven, _ in self._pairs]))
+        return [*found, length] if abs(np.log(length)) > 0.03 else found
 
     def _error(self, ratio: float, lag: float) -> float:
         errors: list[float] = []
@@ -298,18 +289,23 @@ class _Clocks:
         return sorted(found, key=lambda one: abs(one - none))
 
 
-def _numbers(trial: Trial, frame: tuple[int, int] | None, stream: str, names: Sequence[str]) -> tuple[Array, Array]:
-    """Times and numbers of a stream. Shapes (T,) and (T, N)."""
-    if stream == "markers":
-        places = trial.track.positions if frame is None else frames.to_body(trial.track.positions, frame)
-        return trial.track.times, places.reshape(len(places), -1)
-    assert trial.sensors is not None  # else there would be nothing to compare
-    return trial.sensors.times, np.stack([trial.sensors.column(name) for name in names], axis=1)
+def _numbers(trial: Trial, robot: Robot, readings: bool) -> tuple[Array, Array]:
+    """Times and numbers of a trial's readings, or markers. Shapes (T,) and (T, N)."""
+    if readings:
+        table = _readings(trial)
+        return table.times, np.stack([table.column(name) for name in robot.trials.scales], axis=1)
+    places, frame = trial.track.positions, robot.trials.frame
+    places = places if frame is None else frames.to_body(places, frame)
+    return trial.track.times, places.reshape(len(places), -1)
 
 
-def _pairs(count: int) -> list[tuple[int, int]]:
-    pairs = list(combinations(range(count), 2))
-    return pairs if len(pairs) <= _MOST_SWAPS else [(i, i + 1) for i in range(count - 1)]
+def _readings(trial: Trial) -> Signals:
+    return trial.signals["sensors"]
+
+
+def _pairs(items: Sequence[Item]) -> list[tuple[Item, Item]]:
+    pairs = list(combinations(items, 2))
+    return pairs if len(pairs) <= _MOST_SWAPS else list(pairwise(items))
 
 
 def _centered(trial: Trial) -> Array:
@@ -317,57 +313,48 @@ def _centered(trial: Trial) -> Array:
     return (positions - np.nanmean(positions, axis=0)).ravel()
 
 
-def _column(trial: Trial, name: str) -> Array:
-    assert trial.sensors is not None
-    return trial.sensors.column(name)
-
-
-def _columns(kind: str, sources: Mapping[str, tuple[str, float]], gaps: Mapping[str, float] | None = None) -> Undo:
+def _columns(kind: str, sources: Mapping[str, tuple[str, float]], less: float = 0.0) -> Undo:
     """Columns of a table made of others, times a factor, less a number."""
 
     def undo(trial: Trial) -> Trial:
-        table: Signals = getattr(trial, kind)
-        taken = {name: sources.get(name, (name, 1.0)) for name in table.names}
-        values = [
-            factor * table.column(source) - (gaps or {}).get(name, 0.0) for name, (source, factor) in taken.items()
-        ]
-        return replace(trial, **{kind: Signals(table.times, table.names, np.stack(values, axis=1))})
+        table, values = trial.signals[kind], trial.signals[kind].values.copy()
+        for name, (source, factor) in sources.items():
+            values[:, table.names.index(name)] = factor * table.column(source) - less
+        return replace(trial, **{kind: replace(table, values=values)})
 
-    return each(undo)
+    return _each(undo)
 
 
 def _exchanged(trials: Sequence[Trial], kind: str, streams: tuple[str, ...] | None) -> Iterator[Change]:
     """Tables of two trials that may be exchanged."""
-    for i, j in _pairs(len(trials)):
-        pair = {trials[i].name: trials[j], trials[j].name: trials[i]}
+    both = all(len(trial.signals) == 2 for trial in trials)
+    other = f", or those of {'sensors' if kind == 'controls' else 'controls'}" * both
+    said = f"their tables of {kind}{other} look exchanged; give each trial its own (--{kind})"
+    for one, two in _pairs(trials):
+        tables = {one.name: two.signals[kind], two.name: one.signals[kind]}
 
-        def undo(some: Sequence[Trial], pair: Mapping[str, Trial] = pair) -> list[Trial]:
-            return [replace(one, **{kind: getattr(pair[one.name], kind)}) if one.name in pair else one for one in some]
+        def undo(trial: Trial, tables: Mapping[str, Signals] = tables) -> Trial:
+            return replace(trial, **{kind: tables[trial.name]}) if trial.name in tables else trial
 
-        both = all(trial.controls is not None and trial.sensors is not None for trial in trials)
-        other = f", or those of {'sensors' if kind == 'controls' else 'controls'}" * both
-        said = f"their tables of {kind}{other} look exchanged; give each trial its own (--{kind})"
-        yield Change(said, undo, streams)
-
-
-def _shifted(trial: Trial, later: float, stream: str) -> Trial:
-    """Markers or readings on a clock that is later; of a film the other streams are earlier, which is the same."""
-    controls, sensors = trial.controls, trial.sensors
-    stream = stream if trial.track.marker_count else "markers"  # its frames are its readings
-    if stream != "readings" and controls is not None:
-        controls = replace(controls, times=controls.times - later)
-    if stream == "film" and sensors is not None:
-        sensors = replace(sensors, times=sensors.times - later)
-    if stream == "readings" and sensors is not None:
-        sensors = replace(sensors, times=sensors.times + later)
-    return replace(trial, controls=controls, sensors=sensors)
+        yield Change(said, _each(undo), streams)
 
 
-def _stretched(trial: Trial, factor: float, filmed: bool) -> Trial:
-    """A film, or readings, on a clock that goes slower."""
+def _shifted(**later: float) -> Undo:
+    """Tables that are later, by so many seconds."""
+
+    def undo(trial: Trial) -> Trial:
+        tables = {kind: table for kind, table in trial.signals.items() if kind in later}
+        made = {kind: replace(table, times=table.times + later[kind]) for kind, table in tables.items()}
+        return replace(trial, **made)
+
+    return _each(undo)
+
+
+def _faster(trial: Trial, ratio: float, filmed: bool) -> Trial:
+    """A film, or readings, on a clock that goes faster."""
     track, sensors = trial.track, trial.sensors
     if filmed or not track.marker_count:
-        track = MarkerTrack(factor * track.times, track.positions, track.confidence)
+        track = MarkerTrack(track.times / ratio, track.positions, track.confidence)
     if not filmed and sensors is not None:
-        sensors = replace(sensors, times=factor * sensors.times)
+        sensors = replace(sensors, times=sensors.times / ratio)
     return replace(trial, track=track, sensors=sensors)

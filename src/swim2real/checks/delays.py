@@ -1,4 +1,4 @@
-"""How late commands and readings are: one delay per stream, estimated with all parameters, where it matters."""
+"""Delays of commands and readings: one per stream, estimated with all parameters, where it matters."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def delays(robot: Robot, reference: TrialSet, values: Values) -> list[str]:
         values: Values of its parameters, about which a short search goes with the delay and without.
     """
     found: list[str] = []
-    if robot.trials.swims is not None:
+    if robot.trials.steady:
         return found
     streams, base = list(_streams(robot, reference)), Motion(robot)
     trials = [trial.cut(_SECONDS) for trial in reference.trials[:_TRIALS]]
@@ -77,7 +77,7 @@ def _with_delay(robot: Robot, stream: str) -> Robot:
 
 
 def _held(trials: list[Prepared], stream: str, seconds: float) -> str:
-    """That a command changes between its rows, where it is late by half the time between them."""
+    """A hint that a command changes between its rows, where it is late by half the time between them."""
     rows = [one.trial.controls.times for one in trials if one.trial.controls is not None]
     half = float(np.median([np.median(np.diff(times)) for times in rows if len(times) > 1] or [0.0])) / 2
     if stream != "commands" or not 0.3 * half < -seconds < 1.7 * half:

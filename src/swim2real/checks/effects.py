@@ -1,6 +1,6 @@
-"""What each parameter of a robot file does to the model: do the bounds compile, do numbers change, and why not?
+"""Effects of each parameter of a robot file on the model: do the bounds compile, do numbers change, and why not?
 
-Whether the compiled model has what a parameter writes, `read_back` tells.
+`read_back` finds out whether the compiled model has what a parameter writes.
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ _FLAGS = {
     "damping": ("DAMPER", "PASSIVE"), "frictionloss": ("FRICTIONLOSS",), "friction": ("CONTACT",),
     "gravity": ("GRAVITY",), "range": ("LIMIT",), "stiffness": ("SPRING", "PASSIVE"),
 }  # fmt: skip
-"""What switches an attribute off: names of mjtDisableBit, which differ between versions."""
+"""Flags that switch an attribute off: names of mjtDisableBit, which differ between versions."""
 _OF_INERTIAL = ("diaginertia", "fullinertia", "inertia", "ipos", "iquat", "mass")
 
 
 @dataclass(frozen=True)
 class ModelEffect:
-    """What a parameter does to the model at its bounds, the others as published.
+    """Effect of a parameter on the model at its bounds, the others as published.
 
     Attributes:
         parameter: The parameter.
@@ -49,7 +49,7 @@ class ModelEffect:
 
 
 def model_effects(robot: Robot) -> list[ModelEffect]:
-    """What each parameter does to the model.
+    """Effects of all parameters on the model.
 
     Raises:
         RobotError: The model doesn't compile with the published values.
@@ -59,14 +59,15 @@ def model_effects(robot: Robot) -> list[ModelEffect]:
         raise RobotError(nominal)
     effects: list[ModelEffect] = []
     for parameter in robot.space:
-        lower, upper = (_made(robot, {parameter.name: value}) for value in (parameter.lower, parameter.upper))
-        changes = any(not isinstance(made, str) and not same(nominal, made) for made in (lower, upper))
-        effects.append(ModelEffect(parameter, _why(lower), _why(upper), changes, undone(robot, parameter)))
+        made = [_made(robot, {parameter.name: value}) for value in (parameter.lower, parameter.upper)]
+        changes = any(not isinstance(one, str) and not same(nominal, one) for one in made)
+        lower, upper = (one if isinstance(one, str) else None for one in made)
+        effects.append(ModelEffect(parameter, lower, upper, changes, undone(robot, parameter)))
     return effects
 
 
 def why_no_effect(file: RobotFile, robot: Robot, name: str) -> str | None:
-    """Why a parameter changes nothing, as far as the model tells; None where it doesn't.
+    """The reason why a parameter changes nothing, as far as the model shows it; else None.
 
     Args:
         file: Robot file.
@@ -81,14 +82,9 @@ def why_no_effect(file: RobotFile, robot: Robot, name: str) -> str | None:
         if _numbers(file.spec, entry) <= _numbers(file.spec, later, absolute=True):
             return f"parameter '{later.parameter.name}' writes to the same place after it"
     model = file.spec.copy().compile()
-    reasons = [
-        next(_reasons(target.selection, element, model, robot), None)
-        for target in entry.targets
-        for _, element in target.selection.elements(file.spec)
-    ]
-    if None in reasons:
-        return None
-    return "; ".join(dict.fromkeys(filter(None, reasons)))
+    targets = [(target.selection, one) for target in entry.targets for _, one in target.selection.elements(file.spec)]
+    reasons = [next(_reasons(selection, element, model, robot), "") for selection, element in targets]
+    return "; ".join(dict.fromkeys(reasons)) if all(reasons) else None
 
 
 def _made(robot: Robot, changes: dict[str, float]) -> mujoco.MjModel | str:
@@ -100,75 +96,42 @@ def _made(robot: Robot, changes: dict[str, float]) -> mujoco.MjModel | str:
         return str(error)
 
 
-def _why(made: mujoco.MjModel | str) -> str | None:
-    return made if isinstance(made, str) else None
-
-
-def _numbers(
-    spec: mujoco.MjSpec, entry: CalibratedParameter, absolute: bool = False
-) -> set[tuple[str, int, str, int]]:  # fmt: skip
+def _numbers(spec: mujoco.MjSpec, entry: CalibratedParameter, absolute: bool = False) -> set[tuple[str, int, str, int]]:
     """Each number that a parameter sets, or replaces."""
     selections = [target.selection for target in entry.targets if not (absolute and target.relative)]
-    return {
-        (selection.kind, number, selection.attribute, selection.index or 0)
-        for selection in selections for number, _ in selection.elements(spec)
-    }  # fmt: skip
+    return {(one.kind, k, one.attribute, one.index or 0) for one in selections for k, _ in one.elements(spec)}
 
 
-def _reasons(
-    selection: Selection, element: Any, model: mujoco.MjModel, robot: Robot
-) -> Iterator[str]:  # fmt: skip
+def _reasons(selection: Selection, element: Any, model: mujoco.MjModel, robot: Robot) -> Iterator[str]:
     who, name = selection.label(element), selection.attribute
     for flag in _FLAGS.get(name, ()):
         bit = getattr(mujoco.mjtDisableBit, f"mjDSBL_{flag}", None)
         if bit is not None and model.opt.disableflags & bit:
             yield f"the flag {flag.lower()} of the model's option is off"
-    match selection.kind:
-        case "body":
-            yield from _of_body(element, who, name, model)
-        case "geom":
-            yield from _of_geom(element, who, name, model)
-        case "joint":
-            yield from _of_joint(element, who, name, model)
-        case "tendon":
-            if name == "springlength" and not np.ravel(element.stiffness)[0]:
-                yield f"{who} has no stiffness"
-        case "actuator":
-            if robot.trials.controls.get(element.name, Drive()) == Drive():  # 0
-                yield f"no control drives {who}"
-        case "equality":
-            if not element.active:
-                yield f"{who} isn't active"
-        case _:
-            return
-
-
-def _of_body(body: Any, who: str, name: str, model: mujoco.MjModel) -> Iterator[str]:
-    if name in _OF_INERTIAL and not body.explicitinertial:
-        yield f"{who} has no <inertial>, so its mass comes from its geoms"
-    if name in _OF_INERTIAL and _fixed(body, model):
-        yield f"{who} is fixed to the world"
-
-
-def _of_geom(geom: Any, who: str, name: str, model: mujoco.MjModel) -> Iterator[str]:
-    if name in ("mass", "density") and geom.parent.explicitinertial:
-        yield f"body '{geom.parent.name}' has an <inertial>, which counts instead of {who}"
-    if name == "fluidcoef":
-        if not geom.fluid_ellipsoid:
+    match selection.kind, name:
+        case "body", _ if name in _OF_INERTIAL and not element.explicitinertial:
+            yield f"{who} has no <inertial>, so its mass comes from its geoms"
+        case "geom", "mass" | "density" if element.parent.explicitinertial:
+            yield f"body '{element.parent.name}' has an <inertial>, which counts instead of {who}"
+        case "geom", "fluidcoef" if not element.fluid_ellipsoid:
             yield f'{who} has no fluidshape="ellipsoid"'
-        if model.opt.density == 0:
+        case "geom", "fluidcoef" if model.opt.density == 0:
             yield "option density is 0, so there is no fluid"
-    if name in ("mass", "density", "fluidcoef") and _fixed(geom.parent, model):
+        case "geom", "friction" if not element.contype and not element.conaffinity:
+            yield f"{who} touches nothing, since its contype and conaffinity are 0"
+        case "joint", "range" if element.name and not model.joint(element.name).limited:
+            yield f"{who} has no limits"
+        case "actuator", _ if robot.trials.controls.get(element.name, Drive()) == Drive():  # 0
+            yield f"no control drives {who}"
+        case "equality", _ if not element.active:
+            yield f"{who} isn't active"
+        case _, "springlength" | "springref" if not np.ravel(element.stiffness)[0]:
+            yield f"{who} has no stiffness"
+        case _:
+            pass
+    heavy = {"body": _OF_INERTIAL, "geom": ("mass", "density", "fluidcoef")}.get(selection.kind, ())
+    if name in heavy and _fixed(element if selection.kind == "body" else element.parent, model):
         yield f"{who} is fixed to the world"
-    if name == "friction" and not geom.contype and not geom.conaffinity:
-        yield f"{who} touches nothing, since its contype and conaffinity are 0"
-
-
-def _of_joint(joint: Any, who: str, name: str, model: mujoco.MjModel) -> Iterator[str]:
-    if name == "springref" and not np.ravel(joint.stiffness)[0]:
-        yield f"{who} has no stiffness"
-    if name == "range" and joint.name and not model.joint(joint.name).limited:
-        yield f"{who} has no limits"
 
 
 def _fixed(body: Any, model: mujoco.MjModel) -> bool:

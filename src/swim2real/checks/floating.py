@@ -1,4 +1,4 @@
-"""Whether what floats stays upright at the water's line: MuJoCo's water has no buoyancy."""
+"""Looks whether a floating robot stays upright at the water's line: MuJoCo's water has no buoyancy."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def _faults(robot: Robot, model: mujoco.MjModel, given: str) -> Iterator[str]:
 
 
 def _left_alone(model: mujoco.MjModel, body: int, joints: range) -> tuple[float, float]:
-    """How far a body sinks [m] and tilts at most [rad] from a small tilt about the axes about which it can roll."""
+    """Depth by which a body sinks [m], and its largest tilt [rad], from a small tilt about the axes of its roll."""
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     up = data.xmat[body].reshape(3, 3)[2].copy()  # in the body's own axes

@@ -1,4 +1,4 @@
-"""What a reference probably is where it can't be the robot's: another unit, order, origin, axes, clock, sign or sensor.
+"""Mistakes of a reference that can't be the robot's: another unit, order, origin, axes, clock, sign or sensor.
 
 A mistake is known by what undoes it. Trials are doubted where the robot can't have moved like that: no pose has its
 markers, or a short search of the parameters leaves much of the motion unexplained. They are named after the simplest
@@ -8,8 +8,9 @@ change of which that isn't true; what no change explains is reported as it is.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +36,7 @@ from swim2real.trials import Trial, TrialSet
 from swimbase.errors import TrialError
 
 Array = NDArray[np.float64]
+Item = TypeVar("Item")
 
 _FRAMES = 5  # of a trial in which poses are looked for
 _NO_POSE, _NEITHER = 0.04, 0.1  # of the robot's size: root mean square beside any pose that is doubted, and reported
@@ -51,7 +53,7 @@ _MOST = 3  # mistakes of one reference that are named
 
 @dataclass(frozen=True)
 class Verdict:
-    """How trials fit a robot.
+    """Fit of trials with a robot.
 
     Attributes:
         doubts: What is probably wrong with them, a sentence each.
@@ -65,7 +67,7 @@ class Verdict:
     errors: Mapping[str, tuple[float, float]] = field(default_factory=dict[str, tuple[float, float]])
 
     def summary(self, names: Sequence[str]) -> str:
-        """Whether the trials fit, in a sentence: of recordings their whole motion.
+        """Says in a sentence whether the trials fit: of recordings their whole motion.
 
         Args:
             names: Names of all trials.
@@ -96,9 +98,47 @@ def judged(robot: Robot, reference: TrialSet) -> Verdict:
         EngineError: The robot itself can't be simulated.
     """
     found = _of_poses(robot, reference)
-    if found or robot.trials.swims is not None:
+    if found or robot.trials.steady:
         return Verdict(tuple(found))
     return _Judge(robot, reference).verdict()
+
+
+@dataclass(frozen=True)
+class _Fit:
+    """Trials, and what a short search leaves unexplained of each.
+
+    Attributes:
+        trials: The trials, whole.
+        prepared: The same, as they are played back.
+        values: Values that the search found.
+        parts: Parts that it leaves unexplained, by trial.
+    """
+
+    trials: Sequence[Trial]
+    prepared: Sequence[Prepared]
+    values: Values
+    parts: Sequence[Parts]
+
+
+@dataclass(frozen=True, eq=False)
+class _Tried:
+    """A change as it was tried with the robot's own values.
+
+    Attributes:
+        ratios: Share that it leaves unexplained beside what was, and the same beside gains and offsets.
+        order: Its place in the order of simplicity.
+        change: The change.
+        of: Numbers of the trials that it is made of.
+        trials: All trials, those changed.
+        prepared: The same, as they are played back.
+    """
+
+    ratios: tuple[float, ...]
+    order: int
+    change: Change
+    of: tuple[int, ...]
+    trials: list[Trial]
+    prepared: list[Prepared]
 
 
 class _Judge:
@@ -107,79 +147,77 @@ class _Judge:
     def __init__(self, robot: Robot, reference: TrialSet) -> None:
         self.robot, self.motion = robot, Motion(robot)
         self.begin: Values = robot.space.published
-        prepared = [(trial, one) for trial in reference if (one := self._prepared(trial)) is not None]
-        parts = self.motion.parts([one for _, one in prepared], [self.begin])[0] if prepared else []
-        worst = sorted(range(len(parts)), key=lambda k: -share([parts[k]]))[:_TRIALS]
-        self.trials, self.own = [prepared[k][0] for k in sorted(worst)], [parts[k] for k in sorted(worst)]
+        ready = [(trial, one) for trial in reference if (one := self._prepared(trial)) is not None]
+        parts = self.motion.parts([one for _, one in ready], [self.begin])[0]
+        worst = sorted(sorted(range(len(parts)), key=lambda k: -share([parts[k]]))[:_TRIALS])
+        self.trials, self.prepared = [ready[k][0] for k in worst], [ready[k][1] for k in worst]
+        self.own = [parts[k] for k in worst]
 
     def verdict(self) -> Verdict:
-        """What is probably wrong, and how much stays unexplained."""
-        trials, doubts = self.trials, list[str]()
-        if not trials:
+        """Mistakes that the trials probably have, and how much stays unexplained."""
+        if not self.trials:
             return Verdict()
-        prepared = [one for trial in trials if (one := self._prepared(trial))]
-        values, parts = self.motion.searched(prepared, self.begin, _SEARCH)
-        while len(doubts) < _MOST and any(share([one]) > _FOLLOWED for one in parts):
-            better = self._undone(trials, prepared, parts, values)
+        doubts, fit = list[str](), self._fit(self.trials, self.prepared)
+        while len(doubts) < _MOST and any(share([one]) > _FOLLOWED for one in fit.parts):
+            better = self._undone(fit)
             if better is None:
                 break
-            said, trials, prepared, values, parts = better
-            doubts.append(said)
-        names = [trial.name for trial in trials]
-        shares = {name: share([one]) for name, one in zip(names, parts, strict=True)}
-        errors = {name: (error(own), error(one)) for name, own, one in zip(names, self.own, parts, strict=True)}
-        return Verdict(tuple(doubts), shares, errors)
+            doubts.append(better[0])
+            fit = better[1]
+        named = list(zip((trial.name for trial in fit.trials), self.own, fit.parts, strict=True))
+        return Verdict(
+            tuple(doubts), {name: share([one]) for name, _, one in named},
+            {name: (error(own), error(one)) for name, own, one in named},
+        )  # fmt: skip
 
-    def _undone(
-        self, trials: list[Trial], prepared: list[Prepared], parts: list[Parts], values: Values
-    ) -> tuple[str, list[Trial], list[Prepared], Values, list[Parts]] | None:
+    def _fit(self, trials: Sequence[Trial], prepared: Sequence[Prepared]) -> _Fit:
+        return _Fit(trials, prepared, *self.motion.searched(prepared, self.begin, _SEARCH))
+
+    def _undone(self, was: _Fit) -> tuple[str, _Fit] | None:
         """The simplest change that explains about as much as the best one, if that undoes a mistake."""
-        (before,) = self.motion.parts(prepared, [self.begin])
-        tried: list[_Tried] = []
-        for order, change in enumerate(self._changes(trials, prepared, values)):
-            changed = change.undo(trials)
-            ready = [self._prepared(one, like) for one, like in zip(changed, prepared, strict=True)]
-            playable = [one for one in ready if one is not None]
-            if len(playable) == len(ready):
-                (after,) = self.motion.parts(playable, [self.begin])
-                made = [k for k, trial in enumerate(trials) if changed[k] is not trial]
-                tried += _tried(order, change, made, before, after, list(zip(changed, playable, strict=True)))
-        first = {
-            id(one): one
-            for k in (0, 1)
-            for one in sorted(tried, key=lambda one: (one.ratios[k], one.order))[:_FINALISTS]
-        }
-        finals: list[tuple[float, _Tried, list[Trial], list[Prepared], Values, list[Parts]]] = []
-        for one in sorted(first.values(), key=lambda one: (min(one.ratios), one.order)):
+        (before,) = self.motion.parts(was.prepared, [self.begin])
+        changes = enumerate(self._changes(was))
+        tried = [one for order, change in changes for one in self._tried(order, change, was, before)]
+        best = [one for k in (0, 1) for one in sorted(tried, key=lambda one: (one.ratios[k], one.order))[:_FINALISTS]]
+        finals: list[tuple[float, _Tried, _Fit]] = []
+        for one in sorted(dict.fromkeys(best), key=lambda one: (min(one.ratios), one.order)):
             if finals and finals[0][0] < _FOLLOWED and min(one.ratios) > _ALIKE * min(finals[0][1].ratios):
                 break
-            mixed = [one.changed[k][0] if k in one.of else trial for k, trial in enumerate(trials)]
-            made = [one.changed[k][1] if k in one.of else trial for k, trial in enumerate(prepared)]
-            found, left = self.motion.searched(made, self.begin, _SEARCH)
-            gains = [
-                share([left[k]], one.change.streams) < _BETTER * share([parts[k]], one.change.streams) for k in one.of
-            ]
-            if share(left) < _BETTER * share(parts) and any(gains):
-                finals.append((share(left), one, mixed, made, found, left))
-                finals.sort(key=lambda final: final[0])
+            now, streams = self._fit(one.trials, one.prepared), one.change.streams
+            gains = [share([now.parts[k]], streams) < _BETTER * share([was.parts[k]], streams) for k in one.of]
+            if share(now.parts) < _BETTER * share(was.parts) and any(gains):
+                finals = sorted([*finals, (share(now.parts), one, now)], key=lambda final: final[0])
         if not finals:
             return None
-        least, was = finals[0][0], share(parts)
-        now, one, mixed, made, found, left = min(
-            (f for f in finals if f[0] <= max(_ALIKE * least, _EXPLAINED)), key=lambda f: f[1].order
-        )
-        who = f"trial{'s' * (len(one.of) > 1)} {listed([repr(trials[k].name) for k in one.of])}"
-        said = (
-            f"{who}: {one.change.said} (a short search then leaves {100 * now:.0f} % of the motion unexplained, and "
-            f"{100 * was:.0f} % as it is)"
-        )
-        return said, mixed, made, found, left
+        limit = max(_ALIKE * finals[0][0], _EXPLAINED)
+        left, one, now = min((final for final in finals if final[0] <= limit), key=lambda final: final[1].order)
+        who = f"trial{'s' * (len(one.of) > 1)} {listed([repr(was.trials[k].name) for k in one.of])}"
+        return (
+            f"{who}: {one.change.said} (a short search then leaves {100 * left:.0f} % of the motion unexplained, and "
+            f"{100 * share(was.parts):.0f} % as it is)"
+        ), now
 
-    def _changes(self, trials: Sequence[Trial], prepared: Sequence[Prepared], values: Values) -> Iterator[Change]:
+    def _tried(self, order: int, change: Change, was: _Fit, before: list[Parts]) -> Iterator[_Tried]:
+        """A change of all trials that it changes, and of those alone of which it explains more."""
+        changed = change.undo(was.trials)
+        ready = [self._prepared(one, like) for one, like in zip(changed, was.prepared, strict=True)]
+        prepared = [one for one in ready if one is not None]
+        if len(prepared) < len(ready):
+            return
+        (after,), measures, streams = self.motion.parts(prepared, [self.begin]), (share, unlike), change.streams
+        every = tuple(k for k, trial in enumerate(was.trials) if changed[k] is not trial)
+        shown = tuple(
+            k for k in every if any(f([after[k]], streams) < _SHOWS * f([before[k]], streams) for f in measures)
+        )
+        for of in dict.fromkeys((every, shown or every)):
+            ratios = tuple(f(_mixed(before, after, of), streams) / f(before, streams) for f in measures)
+            trials, playable = _mixed(was.trials, changed, of), _mixed(was.prepared, prepared, of)
+            yield _Tried(ratios, order, change, of, trials, playable)
+
+    def _changes(self, fit: _Fit) -> Iterator[Change]:
         """All changes, in the order of their simplicity."""
-        robot = self.robot
-        played = self.motion.played(prepared, [self.begin])[0].trials
-        cut = [one.trial for one in prepared]
+        robot, trials, cut = self.robot, fit.trials, [one.trial for one in fit.prepared]
+        played = self.motion.played(fit.prepared, [self.begin])[0].trials
         if robot.marker_names:
             yield from of_pixels(robot, trials, played)
             beside = [real.track.positions[0] - made.track.positions[0] for real, made in zip(cut, played, strict=True)]
@@ -189,57 +227,16 @@ class _Judge:
         yield from of_commands(robot, trials)
         yield from of_readings(robot, cut, played)
         if robot.trials.controls:
-            for point in (values, self.begin):
+            for point in (fit.values, self.begin):
                 yield from of_clocks(robot, trials, self.motion.driven(trials, point).trials)
 
     def _prepared(self, trial: Trial, like: Prepared | None = None) -> Prepared | None:
-        cut = trial.cut(_SECONDS)
-        if like is not None and len(cut.track.times) == len(like.trial.track.times):
-            same = np.array_equal(cut.track.positions, like.trial.track.positions, equal_nan=True)
-            same = same and np.array_equal(cut.track.times, like.trial.track.times)
-            cut = replace(cut, track=like.trial.track) if same else cut
-        return self.motion.prepared(cut, self.begin, like)
+        return self.motion.prepared(trial.cut(_SECONDS), self.begin, like)
 
 
-@dataclass(frozen=True)
-class _Tried:
-    """A change as it was tried with the robot's own values.
-
-    Attributes:
-        ratios: What share it leaves unexplained beside what was, and the same beside gains and offsets.
-        order: Its place in the order of simplicity.
-        change: The change.
-        of: Numbers of the trials that it is made of.
-        changed: All trials, changed.
-    """
-
-    ratios: tuple[float, float]
-    order: int
-    change: Change
-    of: tuple[int, ...]
-    changed: list[tuple[Trial, Prepared]]
-
-
-def _tried(
-    order: int, change: Change, made: Sequence[int], before: list[Parts], after: list[Parts],
-    changed: list[tuple[Trial, Prepared]],
-) -> Iterator[_Tried]:  # fmt: skip
-    """A change of all trials that it changes, and of those alone in which it shows."""
-
-    def ratios(of: Sequence[int]) -> tuple[float, float]:
-        mixed = [after[k] if k in of else one for k, one in enumerate(before)]
-        share_now, unlike_now = (f(mixed, change.streams) / f(before, change.streams) for f in (share, unlike))
-        return share_now, unlike_now
-
-    every = tuple(made)
-    shown = tuple(k for k in every if _shows(before[k], after[k], change))
-    for of in {every, shown or every}:
-        yield _Tried(ratios(of), order, change, of, changed)
-
-
-def _shows(before: Parts, after: Parts, change: Change) -> bool:
-    """Whether a change explains more of a trial."""
-    return any(f([after], change.streams) < _SHOWS * f([before], change.streams) for f in (share, unlike))
+def _mixed(old: Sequence[Item], new: Sequence[Item], of: Container[int]) -> list[Item]:
+    """A list with some items of another one."""
+    return [new[k] if k in of else item for k, item in enumerate(old)]
 
 
 class _Poses:
@@ -247,7 +244,7 @@ class _Poses:
 
     def __init__(self, robot: Robot) -> None:
         self.fit, self._unknowns = PoseFit(robot.model, len(robot.marker_names), robot.plane), robot.model.nv
-        self._lost = robot.trials.swims is not None
+        self._typical = np.min if robot.trials.steady else np.median
 
     def of(self, trial: Trial) -> list[tuple[Array, float]]:
         """Pose and error of each frame with two markers or more, each begun from the one before. Shapes (nq,), m."""
@@ -265,10 +262,10 @@ class _Poses:
         The median of the frames, or of swims, whose tracks are lost more easily, the least.
         """
         errors = [error for _, error in self.of(trial)]
-        return float((np.min if self._lost else np.median)(errors)) / scale if errors else 0.0
+        return float(self._typical(errors)) / scale if errors else 0.0
 
     def beside(self, trial: Trial) -> Array:
-        """How far it is from the robot as a whole, up and right [m]. Shape (2,)."""
+        """Distance from the robot as a whole, right and up [m]. Shape (2,)."""
         places = max(trial.track.positions, key=lambda frame: int(np.isfinite(frame).all(axis=1).sum()))
         shift = np.zeros(2)
         for _ in range(40):
@@ -308,8 +305,8 @@ def _of_poses(robot: Robot, reference: TrialSet) -> list[str]:
 
 def _unposed(robot: Robot, poses: _Poses, some: Trial, misfit: float) -> str:
     """The first change that fits about as well as the best, if that undoes the misfit; else what a large one says."""
-    in_world = robot.trials.swims is None and robot.trials.frame is None
-    changes = [*of_places(robot, poses.beside(some) if in_world else np.zeros(2)), *of_distances(robot)]
+    beside = poses.beside(some) if robot.trials.frame is None else np.zeros(2)
+    changes = [*of_places(robot, beside), *of_distances(robot)]
     tried = [(poses.misfit(one.undo([some])[0], one.scale), one.said) for one in changes]
     least = min(tried)[0]
     if least < _UNDONE * misfit:

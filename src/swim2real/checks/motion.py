@@ -1,4 +1,4 @@
-"""How much of the motion of real trials a robot leaves unexplained: one number, for markers and sensors alike.
+"""Share of the motion of real trials that a robot leaves unexplained: one number, for markers and sensors alike.
 
 A share of 0 is a playback that meets every marker and reading, 1 one as far off as a robot that stays where the trial
 begins. Parameters that are merely off are no fault of the trials, so shares are also taken after a short search.
@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,7 +36,7 @@ _LONGEST, _RATE = 10.0, 60.0  # s of commands that are followed, and how often [
 
 @dataclass(frozen=True)
 class Part:
-    """What a playback leaves unexplained of one stream of a trial.
+    """Part of one stream of a trial that a playback leaves unexplained.
 
     Attributes:
         residual: Simulated minus real, as a share of the stream's motion; the squares add up to that of the share.
@@ -102,16 +102,24 @@ class Prepared:
 
 
 class Motion:
-    """Plays trials back and compares them.
+    """Plays trials back and compares them; all checks have their players from here.
 
     Attributes:
         robot: The robot, whose trials are recordings.
+        player: Plays them back.
     """
 
     def __init__(self, robot: Robot, threads: int | None = None) -> None:
         """Makes it for a robot; threads are simulations at a time, by default as many as there are cores."""
-        self.robot, self._player = robot, PlaybackSimulator(robot, threads)
-        self._scales = {sensor.name: sensor.meters_per_unit for sensor in robot.recordings.sensors}
+        self.robot, self.player = robot, PlaybackSimulator(robot, threads)
+
+    def request(self, trial: Trial, seconds: float | None) -> Rollout:
+        """The request for the first seconds of a trial, or for all; the whole trial shows its start.
+
+        Raises:
+            TrialError: The trial can't be played back.
+        """
+        return replace(self.player.request(trial), trial=trial.cut(seconds))
 
     def prepared(self, trial: Trial, begin: Values, like: Prepared | None = None) -> Prepared | None:
         """A trial with its start, found with a candidate's values; None where it can't be played back.
@@ -121,37 +129,38 @@ class Motion:
             begin: The candidate's values.
             like: The same trial with other commands, whose start is taken over if it shows the same motion.
         """
-        about, every = self.robot.recordings, np.ones(trial.track.confidence.shape)
-        same = like is not None and trial.track is like.trial.track and trial.sensors is like.trial.sensors
+        about, every = self.robot.trials, np.ones(trial.track.confidence.shape)
+        if like is not None and _same_motion(trial, like.trial):
+            driven = replace(like.rollout.trial, controls=trial.controls)
+            return replace(like, trial=trial, rollout=replace(like.rollout, trial=driven))
         try:
-            if like is not None and same:
-                driven = replace(like.rollout.trial, controls=trial.controls)
-                return replace(like, trial=trial, rollout=replace(like.rollout, trial=driven))
-            rollout = self._player.request(trial)
-            target = playback_target(rollout.trial, every, about.frame, about.score_progress, self._scales)
+            rollout = self.player.request(trial)
+            target = playback_target(rollout.trial, every, about.frame, about.score_progress, about.scales)
         except TrialError:  # `misfits` reports it
             return None
         return self._begun([Prepared(trial, target, _sizes(target), rollout)], begin)[0]
 
     def parts(self, trials: Sequence[Prepared], candidates: Sequence[Values]) -> list[list[Parts]]:
-        """What is left unexplained, by candidate and trial."""
+        """Parts that are left unexplained, by candidate and trial."""
+        if not trials:
+            return [[] for _ in candidates]
         made = self.played(trials, candidates)
         return [[_parts(trial, one[trial.trial.name]) for trial in trials] for one in made]
 
     def played(self, trials: Sequence[Prepared], candidates: Sequence[Values]) -> list[TrialSet]:
         """Playbacks of trials, by candidate."""
-        return self._player.simulate_many(candidates, [trial.rollout for trial in trials])
+        return self.player.simulate_many(candidates, [trial.rollout for trial in trials])
 
     def driven(self, trials: Sequence[Trial], values: Values) -> TrialSet:
-        """What a candidate does from rest under the whole of each trial's commands."""
+        """Motion of a candidate from rest under the whole of each trial's commands."""
         whole: list[Rollout] = []
         for trial in trials:
             begin = float(trial.track.times[0])
-            end = begin + _LONGEST if trial.controls is None else min(float(trial.controls.times[-1]), begin + _LONGEST)
-            times = np.arange(begin, max(end, begin + 2 / _RATE), 1 / _RATE)
+            end = np.inf if trial.controls is None else float(trial.controls.times[-1])
+            times = np.arange(begin, begin + np.clip(end - begin, 2 / _RATE, _LONGEST), 1 / _RATE)
             nowhere = np.full((len(times), trial.track.marker_count, 2), np.nan)
             whole.append(Rollout(replace(trial, track=MarkerTrack(times, nowhere), sensors=None)))
-        return self._player.simulate(values, whole)
+        return self.player.simulate(values, whole)
 
     def searched(self, trials: Sequence[Prepared], begin: Values, steps: int) -> tuple[Values, list[Parts]]:
         """A short search by least squares, and what it leaves unexplained of each trial.
@@ -163,21 +172,26 @@ class Motion:
         """
         space = self.robot.space
 
-        def residual(point: Array) -> Array:
+        @cache
+        def at(*point: float) -> tuple[Values, list[Prepared], list[Parts]]:
+            """Values of a point, the trials with the starts that suit these, and what is left unexplained."""
             values = space.to_values(np.clip(point, 0.0, 1.0))
-            return _stacked(self.parts(self._begun(trials, values), [values])[0])
+            begun = self._begun(trials, values)
+            return values, begun, self.parts(begun, [values])[0]
+
+        def residual(point: Array) -> Array:
+            return _stacked(at(*point)[2])
 
         def slopes(point: Array) -> Array:
-            """With the starts that suit the point."""
-            steps = np.where(point < 0.5, _STEP, -_STEP)
-            ends = [space.to_values(end) for end in (point, *(point + step for step in np.diag(steps)))]
-            here, *there = (_stacked(parts) for parts in self.parts(self._begun(trials, ends[0]), ends))
-            return np.stack([(one - here) / step for one, step in zip(there, steps, strict=True)], axis=1)
+            changes = np.where(point < 0.5, _STEP, -_STEP)
+            ends = [space.to_values(point + change) for change in np.diag(changes)]
+            made = np.stack([_stacked(parts) for parts in self.parts(at(*point)[1], ends)], axis=1)
+            return (made - residual(point)[:, None]) / changes
 
         first = np.clip(space.to_cube(begin), 1e-6, 1 - 1e-6)
         found = least_squares(residual, first, slopes, bounds=(0.0, 1.0), ftol=_ENOUGH, max_nfev=steps)
-        values = space.to_values(np.clip(found.x, 0.0, 1.0))
-        return values, self.parts(self._begun(trials, values), [values])[0]
+        values, _, parts = at(*found.x)
+        return values, parts
 
     def _begun(self, trials: Sequence[Prepared], values: Values) -> list[Prepared]:
         """The trials with starts that suit other values."""
@@ -186,11 +200,17 @@ class Motion:
         made: list[Prepared] = []
         for one, fitted in zip(trials, shown, strict=True):
             if fitted and not isinstance(model, str):  # of none, `played` says why
-                data, _ = self._player.begin(model, replace(one.rollout, state=None), values)
+                data, _ = self.player.begin(model, replace(one.rollout, state=None), values)
                 state = data.qpos.copy(), data.qvel.copy(), data.act.copy()
                 one = replace(one, rollout=replace(one.rollout, state=state))
             made.append(one)
         return made
+
+
+def _same_motion(one: Trial, other: Trial) -> bool:
+    """Compares markers, readings and times of two trials, whatever commands there were."""
+    same = np.array_equal(one.track.times, other.track.times) and one.sensors is other.sensors
+    return same and np.array_equal(one.track.positions, other.track.positions, equal_nan=True)
 
 
 def _parts(prepared: Prepared, played: Trial) -> Parts:
@@ -208,7 +228,7 @@ def _parts(prepared: Prepared, played: Trial) -> Parts:
 
 
 def _unlike(real: Array, simulated: Array) -> float:
-    """What no offset and positive gain of each column explains of real ones, as a share. Shapes (T, N)."""
+    """Share of real columns that no offset and positive gain of each explains. Shapes (T, N)."""
     known = np.isfinite(real) & np.isfinite(simulated)
     counts = np.maximum(known.sum(axis=0), 1)
     seen, made = (np.where(known, one, 0.0) for one in (real, simulated))
@@ -230,7 +250,7 @@ def _split(target: Target, vector: Array) -> dict[str, Array]:
 
 
 def _sizes(target: Target) -> dict[str, float]:
-    """How far each stream moves from where it begins [m]: the root mean square of what a robot at rest would miss."""
+    """Sizes of the motion of each stream from where it begins [m]: root mean squares of what a robot at rest misses."""
     trial, track = target.trial, target.trial.track
     seen = np.isfinite(track.positions).all(axis=2).argmax(axis=0)  # the first frame of each marker
     first = np.repeat(track.positions[seen, np.arange(track.marker_count)][None], track.frame_count, axis=0)

@@ -1,10 +1,10 @@
-"""What each parameter of a robot changes: by how much its bounds move the markers of a short simulation."""
+"""Effects of each parameter of a robot: by how much its bounds move the markers of a short simulation."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -15,9 +15,9 @@ from scipy.linalg import qr
 
 from markertrack.track import MarkerTrack
 from swim2real.checks.effects import ModelEffect, model_effects
+from swim2real.checks.motion import Motion
 from swim2real.parameters import Parameter, Values
 from swim2real.robots.robot import Robot
-from swim2real.simulation.playback import PlaybackSimulator
 from swim2real.simulation.simulator import Simulator, Swim
 from swim2real.simulation.start import FITTED, MARKERS, REST
 from swim2real.trials import Actuation, Signals, Trial, TrialSet
@@ -42,7 +42,7 @@ _STEP, _INSIDE = 0.1, 0.7  # of a parameter's range: for slopes; how far one tha
 _WAYS = 4  # random directions in which all parameters are changed at once
 _LITTLE, _MORE = 0.01, 0.1  # of their ranges
 _GROWN, _CALM = 0.2, 0.12  # share of the larger change's motion in the smaller one's, 0.1 where nothing grows
-_SHORTEST = 0.3  # s of a trial, from which on something can be told
+_SHORTEST = 0.3  # s of a trial, from which on its motion says something
 _OWN = 0.004  # of the motion: a parameter whose own part is less is made up for by others
 
 Simulate = Callable[[Sequence[Values]], list[TrialSet]]
@@ -50,7 +50,7 @@ Simulate = Callable[[Sequence[Values]], list[TrialSet]]
 
 @dataclass(frozen=True)
 class Shift:
-    """What a parameter does at one of its bounds, the others as published.
+    """Effect of a parameter at one of its bounds, the others as published.
 
     Attributes:
         distance: Distance of the markers from where they are with the published value, mean over markers and time,
@@ -64,7 +64,7 @@ class Shift:
 
 @dataclass(frozen=True)
 class Probe:
-    """What a parameter does.
+    """Effects of a parameter.
 
     Attributes:
         effect: What it does to the model.
@@ -87,17 +87,17 @@ class Probe:
 
     @property
     def idle(self) -> bool:
-        """Whether it changes nothing that is measured."""
+        """True for a parameter that changes nothing that is measured."""
         return self.lower.failure is None and self.upper.failure is None and self.distance <= NOISE
 
     @property
     def refused(self) -> str | None:
-        """Why the model doesn't compile at a bound; None where it does at both."""
+        """Reason why the model doesn't compile at a bound; None where it does at both."""
         return self.effect.lower or self.effect.upper
 
 
 def probe(robot: Robot, reference: TrialSet | None = None, threads: int | None = None) -> list[Probe]:
-    """What each parameter does in the first seconds of a swim or recording.
+    """Effects of each parameter in the first seconds of a swim or recording.
 
     Args:
         robot: Robot whose parameters are probed.
@@ -109,22 +109,20 @@ def probe(robot: Robot, reference: TrialSet | None = None, threads: int | None =
         EngineError: It can't be simulated with them.
         TrialError: The reference doesn't fit the robot.
     """
-    effects = model_effects(robot)
-    wanted: list[tuple[ModelEffect, Values, str | None]] = []
-    for effect in effects:
-        for value, refused in ((effect.parameter.lower, effect.lower), (effect.parameter.upper, effect.upper)):
-            wanted.append((effect, {**robot.space.published, effect.parameter.name: value}, refused))
+    effects, published = model_effects(robot), robot.space.published
+    refused = [why for effect in effects for why in (effect.lower, effect.upper)]
+    ends = [{**published, p.name: value} for p in robot.space for value in (p.lower, p.upper)]
     nominal, simulate = _begun(robot, reference, threads)
-    made = iter(simulate([values for _, values, refused in wanted if refused is None]))
-    shifts = [_shift(robot, nominal, next(made)) if refused is None else Shift(np.nan, refused)
-              for _, _, refused in wanted]  # fmt: skip
-    return [Probe(effect, shifts[2 * i], shifts[2 * i + 1]) for i, effect in enumerate(effects)]
+    made = iter(simulate([end for end, why in zip(ends, refused, strict=True) if why is None]))
+    shifts = [Shift(np.nan, why) if why else _shift(robot, nominal, next(made)) for why in refused]
+    return [Probe(effect, *pair) for effect, *pair in zip(effects, shifts[::2], shifts[1::2], strict=True)]
 
 
 def made_up_for(robot: Robot, threads: int | None = None) -> dict[str, str]:
-    """Parameters that the others can make up for in the motion by which they are told apart, with the reason.
+    """Parameters that others can compensate for, with the reason.
 
-    What is left of one's change beside those that change more, by slopes about the published values; never all.
+    Slopes about the published values show what is left of one's change beside those that change more; never all are
+    named.
 
     Raises:
         EngineError: The robot can't be simulated with its own values.
@@ -133,23 +131,19 @@ def made_up_for(robot: Robot, threads: int | None = None) -> dict[str, str]:
     middle = space.to_cube(space.published)
     up = np.where(middle < _STEP, _INSIDE, np.minimum(middle + _STEP, 1.0))  # hardly anything changes near 0
     ends = [np.where(own, end, middle) for own in np.eye(len(space)) > 0 for end in (np.maximum(middle - _STEP, 0), up)]
-    made = simulate([space.to_values(end) for end in ends])
-    scales = {sensor.name: sensor.meters_per_unit for sensor in robot.trials.sensors}
-    shown: list[str] = []
-    slopes: list[Array] = []
+    made, scales = simulate([space.to_values(end) for end in ends]), robot.trials.scales
+    slopes: dict[str, Array] = {}
     for k, name in enumerate(space.names):
-        if not any(trial.divergence for one in made[2 * k : 2 * k + 2] for trial in one):
-            change = _numbers(made[2 * k + 1], scales) - _numbers(made[2 * k], scales)
-            slopes.append(change.ravel() / np.sqrt(change.size) / float(np.sum(ends[2 * k + 1] - ends[2 * k])))
-            shown.append(name)
+        before, after = made[2 * k : 2 * k + 2]
+        if not any(trial.divergence for trial in (*before, *after)):
+            change = _numbers(after, scales) - _numbers(before, scales)
+            slopes[name] = change.ravel() / np.sqrt(change.size) / float(np.sum(ends[2 * k + 1] - ends[2 * k]))
     if not slopes:
         return {}
-    left, order = qr(np.stack(slopes, axis=1), mode="r", pivoting=True)
+    left, order = qr(np.stack(list(slopes.values()), axis=1), mode="r", pivoting=True)
     own, limit = np.abs(np.diag(left)), _OWN * float(np.std(_numbers(nominal, scales), axis=0).max(initial=0.0))
-    return {
-        shown[order[k]]: f"others make up for it: over its range it alone changes the motion by {1e3 * own[k]:.2g} mm"
-        for k in range(1, len(own)) if own[k] <= limit
-    }  # fmt: skip
+    why = "others make up for it: over its range it alone changes the motion by {:.2g} mm"
+    return {[*slopes][order[k]]: why.format(1e3 * own[k]) for k in range(1, len(own)) if own[k] <= limit}
 
 
 def growing(robot: Robot, reference: TrialSet, horizon: float | None) -> list[str]:
@@ -160,17 +154,16 @@ def growing(robot: Robot, reference: TrialSet, horizon: float | None) -> list[st
         reference: Real trials.
         horizon: Seconds of each trial that are compared; None for all.
     """
-    if robot.trials.swims is not None:
+    if robot.trials.steady:
         return []
-    space, simulator = robot.space, PlaybackSimulator(robot)
-    rollouts = [simulator.request(trial.cut(horizon)) for trial in reference.trials[:TRIALS]]
+    space, scales, motion = robot.space, robot.trials.scales, Motion(robot)
+    rollouts = [motion.request(trial, horizon) for trial in reference.trials[:TRIALS]]
     middle = space.to_cube(space.published)
     ways = np.where(middle < 0.5, 1.0, -1.0) * np.random.default_rng(0).uniform(0.5, 1.0, (_WAYS, len(space)))
     points = middle + np.concatenate([_LITTLE * ways, _MORE * ways])
-    nominal, *made = simulator.simulate_many([space.published, *map(space.to_values, points)], rollouts)
+    nominal, *made = motion.player.simulate_many([space.published, *map(space.to_values, points)], rollouts)
     if any(trial.divergence for one in (nominal, *made) for trial in one):
         return []
-    scales = {sensor.name: sensor.meters_per_unit for sensor in robot.trials.sensors}
     squares = [np.square(_numbers(one, scales) - _numbers(nominal, scales)).mean(axis=1) for one in made]
     little, more = np.sqrt(np.cumsum(squares, axis=1)).reshape(2, _WAYS, -1)
     shares = np.median(little / np.maximum(more, NOISE), axis=0)
@@ -194,33 +187,31 @@ def _since(trials: TrialSet) -> Array:
 
 
 def _numbers(trials: TrialSet, scales: Mapping[str, float]) -> Array:
-    """What is compared of trials, at the same times since the first frame of each [m]. Shape (T, N)."""
+    """Numbers of trials that are compared, at the same times since the first frame of each [m]. Shape (T, N)."""
     since, columns = _since(trials), list[Array]()
     for trial in trials:
-        track, sensors = trial.track, trial.sensors
-        places = track.positions.reshape(track.frame_count, -1).T
-        columns += [np.interp(since, track.times - track.times[0], place) for place in places]
+        track, sensors, times = trial.track, trial.sensors, trial.track.times[0] + since
+        columns += [np.interp(times, track.times, place) for place in track.positions.reshape(len(track.times), -1).T]
         if sensors is not None:
-            stamps = sensors.times - track.times[0]
-            columns += [scale * np.interp(since, stamps, sensors.column(name)) for name, scale in scales.items()]
+            columns += [scale * np.interp(times, sensors.times, sensors.column(name)) for name, scale in scales.items()]
     return np.stack(columns, axis=1)
 
 
 def made_up_motion(robot: Robot) -> str:
-    """How `probe` moves a robot without real trials, as a part of a sentence."""
-    if robot.trials.swims is not None:
-        return f"by its {'motor' if robot.trials.swims.motor_joint else 'servo'} at {FREQUENCY:g} Hz, from rest"
+    """Motion by which `probe` moves a robot without real trials, as a part of a sentence."""
+    if robot.trials.steady:
+        return f"by its {'motor' if robot.motor_joint else 'servo'} at {FREQUENCY:g} Hz, from rest"
     by = f"by what drives a trial, at {FREQUENCY:g} Hz and with sines for tables, " if robot.trials.controls else ""
     return by + ("from a pose off its rest" if _shown(robot) else "from where trials start")
 
 
 def _shown(robot: Robot) -> bool:
-    """Whether recordings may start in any pose."""
+    """True where recordings may start in any pose."""
     return robot.trials.start in (MARKERS, FITTED) or not robot.trials.start_named
 
 
 def moved(robot: Robot, threads: int | None = None) -> TrialSet:
-    """The published robot in the trials by which parameters are told apart.
+    """The published robot in the trials by which parameters are distinguished.
 
     Raises:
         EngineError: It can't be simulated.
@@ -230,26 +221,26 @@ def moved(robot: Robot, threads: int | None = None) -> TrialSet:
 
 def _begun(robot: Robot, reference: TrialSet | None, threads: int | None) -> tuple[TrialSet, Simulate]:
     """The published robot's trials, and what simulates others."""
-    if robot.trials.swims is not None:
+    if robot.trials.steady:
         return _checked(robot, partial(Simulator(robot, threads).simulate_many, swims=_swims(reference)))
     if reference is None:
         return _excited(robot, threads)
-    simulator = PlaybackSimulator(robot, threads)
-    rollouts = [replace(simulator.request(trial), trial=trial.cut(SECONDS)) for trial in reference.trials[:TRIALS]]
-    return _checked(robot, partial(simulator.simulate_many, rollouts=rollouts))
+    motion = Motion(robot, threads)
+    rollouts = [motion.request(trial, SECONDS) for trial in reference.trials[:TRIALS]]
+    return _checked(robot, partial(motion.player.simulate_many, rollouts=rollouts))
 
 
 def _excited(robot: Robot, threads: int | None) -> tuple[TrialSet, Simulate]:
     """The same for made-up recordings, as strong as the robot bears."""
     # a start off the rest pose is in the trial itself
-    starting = replace(robot.trials, start=REST) if _shown(robot) else robot.trials
-    simulator = PlaybackSimulator(replace(robot, trials=starting), threads)
-    rollouts = [simulator.request(excitation(robot, strength)) for strength in _STRENGTHS]
-    simulations = [partial(simulator.simulate_many, rollouts=[rollout]) for rollout in rollouts]
-    nominal = [simulate([robot.space.published])[0] for simulate in simulations]
-    borne = [i for i, made in enumerate(nominal) if made.trials[0].divergence is None]
-    calm = [i for i in borne if _reached(nominal[i].trials[0]) < _ROOM * max(robot.size, robot.model.stat.extent)]
-    return _checked(robot, simulations[(calm or borne or [-1])[0]])
+    player = Motion(robot.starting(REST) if _shown(robot) else robot, threads).player
+    rollouts = [player.request(excitation(robot, strength)) for strength in _STRENGTHS]
+    made = [player.simulate(robot.space.published, [rollout]).trials[0] for rollout in rollouts]
+    reached = [np.linalg.norm(one.track.positions - one.track.positions[0], axis=2).max(initial=0.0) for one in made]
+    room = _ROOM * max(robot.size, robot.model.stat.extent)
+    borne = [k for k, one in enumerate(made) if one.divergence is None]
+    chosen = next((k for k in borne if reached[k] < room), (borne or [-1])[0])
+    return _checked(robot, partial(player.simulate_many, rollouts=[rollouts[chosen]]))
 
 
 def _checked(robot: Robot, simulate: Simulate) -> tuple[TrialSet, Simulate]:
@@ -265,16 +256,9 @@ def _checked(robot: Robot, simulate: Simulate) -> tuple[TrialSet, Simulate]:
 
 def _swims(reference: TrialSet | None) -> list[Swim]:
     """From rest, at the frequencies of real trials or at a usual one."""
-    if reference is None:
-        return [Swim("excitation", Actuation(FREQUENCY), SECONDS)]
-    return [Swim(trial.name, Actuation(trial.nominal_frequency or FREQUENCY), SECONDS)
-            for trial in reference.trials[:TRIALS]]  # fmt: skip
-
-
-def _reached(trial: Trial) -> float:
-    """How far a marker gets from where it starts [m]."""
-    positions = trial.track.positions
-    return float(np.linalg.norm(positions - positions[0], axis=2).max(initial=0.0))
+    trials = () if reference is None else reference.trials[:TRIALS]
+    rates = {trial.name: trial.nominal_frequency or FREQUENCY for trial in trials} or {"excitation": FREQUENCY}
+    return [Swim(name, Actuation(rate), SECONDS) for name, rate in rates.items()]
 
 
 def _shift(robot: Robot, nominal: TrialSet, made: TrialSet) -> Shift:
@@ -290,8 +274,7 @@ def _distance(robot: Robot, nominal: Trial, made: Trial) -> float:
     if made.sensors is None or nominal.sensors is None:
         return moved
     apart = np.abs(made.sensors.values - nominal.sensors.values).mean(axis=0)
-    scales = {sensor.name: sensor.meters_per_unit for sensor in robot.trials.sensors}
-    return moved + sum(scales[name] * float(gap) for name, gap in zip(made.sensors.names, apart, strict=True))
+    return moved + float(apart @ [robot.trials.scales[name] for name in made.sensors.names])
 
 
 def excitation(robot: Robot, strength: float) -> Trial:
@@ -304,20 +287,13 @@ def excitation(robot: Robot, strength: float) -> Trial:
         robot: Whose trials are recordings.
         strength: 1, or less for a robot that diverges.
     """
-    model = robot.model
     times = np.arange(round(SECONDS * _RATE) + 1) / _RATE
     names = [name for name, drive in robot.trials.controls.items() if drive.table]
-    columns = [swing(model.actuator(name), times, i, strength, FREQUENCY) for i, name in enumerate(names)]
-    start, velocities = _start(model, strength) if _shown(robot) else ({}, {})
-    nowhere = np.zeros((len(times), len(robot.marker_names), 2))
-    return Trial(
-        "excitation",
-        MarkerTrack(times, nowhere),
-        FREQUENCY,
-        controls=Signals(times, names, np.stack(columns, axis=1)) if names else None,
-        start=start,
-        start_velocities=velocities,
-    )
+    columns = [swing(robot.model.actuator(name), times, i, strength, FREQUENCY) for i, name in enumerate(names)]
+    controls = Signals(times, names, np.stack(columns, axis=1)) if names else None
+    start, velocities = _start(robot.model, strength) if _shown(robot) else ({}, {})
+    track = MarkerTrack(times, np.zeros((len(times), len(robot.marker_names), 2)))
+    return Trial("excitation", track, FREQUENCY, controls=controls, start=start, start_velocities=velocities)
 
 
 def swing(actuator: Any, times: Array, number: int, strength: float, frequency: float) -> Array:
@@ -339,18 +315,15 @@ def swing(actuator: Any, times: Array, number: int, strength: float, frequency: 
 
 def _start(model: mujoco.MjModel, strength: float) -> tuple[dict[str, float], dict[str, float]]:
     """Positions and velocities of the sliding and turning joints that have names."""
-    start: dict[str, float] = {}
-    velocities: dict[str, float] = {}
+    start, velocities = dict[str, float](), dict[str, float]()
     sizes = {mujoco.mjtJoint.mjJNT_HINGE: _ANGLE, mujoco.mjtJoint.mjJNT_SLIDE: _SHIFT * float(model.stat.extent)}
-    for j in range(model.njnt):
-        joint = model.joint(j)
+    for joint in map(model.joint, range(model.njnt)):
         size = sizes.get(mujoco.mjtJoint(int(joint.type[0])))
         if size is None or not joint.name:
             continue
-        place = float(model.qpos0[joint.qposadr[0]]) + strength * size
-        if joint.limited[0]:
-            low, high = map(float, joint.range)
-            place = float(np.clip(place, low + _EDGE * (high - low), high - _EDGE * (high - low)))
-        start[joint.name] = place
         velocities[joint.name] = strength * size  # per second
+        start[joint.name] = float(model.qpos0[joint.qposadr[0]]) + strength * size
+        if joint.limited[0]:
+            (low, high), edge = map(float, joint.range), _EDGE * float(np.ptp(joint.range))
+            start[joint.name] = float(np.clip(start[joint.name], low + edge, high - edge))
     return start, velocities

@@ -1,15 +1,15 @@
-"""Where real trials don't fit a robot: its markers, what drives it, its sensors, the place in which they begin."""
+"""Misfits of real trials with a robot: its markers, what drives it, its sensors, the place in which they begin."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
 
 from markertrack.frames import to_body
-from swim2real.robots.robot import Robot, Trials
-from swim2real.simulation.playback import PlaybackSimulator
+from swim2real.checks.motion import Motion
+from swim2real.robots.robot import Robot
 from swim2real.simulation.start import STRETCH
 from swim2real.trials import Trial, TrialSet
 from swimbase.errors import Swim2RealError, TrialError
@@ -26,14 +26,14 @@ def misfits(robot: Robot, reference: TrialSet) -> list[str]:
             f"the reference has the markers {', '.join(reference.marker_names)}; robot '{robot.name}' has "
             f"{', '.join(robot.marker_names)}; name them alike, in the same order"
         ]
-    if robot.trials.swims is not None:
+    if robot.trials.steady:
         return []
-    simulator = PlaybackSimulator(robot)
-    return [sentence for trial in reference for sentence in _of(simulator, robot.trials, trial)]
+    motion = Motion(robot)
+    return [sentence for trial in reference for sentence in _of(motion, trial)]
 
 
 def starts(robot: Robot, reference: TrialSet) -> dict[str, NDArray[np.float64]]:
-    """How far the simulation of each recording, with the parameters as published, is from it where it starts.
+    """Distances of simulations with the parameters as published from the recordings, where these start.
 
     Returns:
         Simulated minus real markers in the frame of comparison in the first quarter of a second, NaN where one isn't
@@ -43,38 +43,32 @@ def starts(robot: Robot, reference: TrialSet) -> dict[str, NDArray[np.float64]]:
         TrialError: A trial can't be played back.
         EngineError: The robot itself can't be simulated.
     """
-    about, found = robot.trials, dict[str, NDArray[np.float64]]()
-    if about.swims is not None or not robot.marker_names:
-        return found
-    simulator, begun = PlaybackSimulator(robot), [trial.cut(STRETCH) for trial in reference]
-    pairs = zip(reference, begun, strict=True)
-    rollouts = [replace(simulator.request(trial), trial=first) for trial, first in pairs]
-    made = simulator.simulate(robot.space.published, rollouts)
-    for real, simulated in zip(begun, made, strict=True):
-        places = (simulated.track.positions, real.track.positions)
-        seen, shown = places if about.frame is None else (to_body(one, about.frame) for one in places)
-        found[real.name] = seen - shown
+    if robot.trials.steady or not robot.marker_names:
+        return {}
+    motion, frame = Motion(robot), robot.trials.frame
+    rollouts = [motion.request(trial, STRETCH) for trial in reference]
+    found: dict[str, NDArray[np.float64]] = {}
+    for rollout, made in zip(rollouts, motion.player.simulate(robot.space.published, rollouts), strict=True):
+        places = (made.track.positions, rollout.trial.track.positions)
+        simulated, real = places if frame is None else (to_body(one, frame) for one in places)
+        found[made.name] = simulated - real
     return found
 
 
-def _of(simulator: PlaybackSimulator, about: Trials, trial: Trial) -> list[str]:
-    sentences: list[str] = []
+def _of(motion: Motion, trial: Trial) -> Iterator[str]:
     try:
-        simulator.request(trial)
+        motion.player.request(trial)
     except Swim2RealError as error:
-        sentences.append(str(error))
-    track = trial.track
-    columns = () if trial.sensors is None else trial.sensors.names
-    missing = [sensor.name for sensor in about.sensors if sensor.name not in columns]
-    if missing:
-        there = ", ".join(columns) or "none"
-        sentences.append(
-            f"trial '{trial.name}' has no readings of {', '.join(missing)}; it has {there}; add columns of these "
-            f"names to its table of sensors, or take the sensors out of the robot file"
+        yield str(error)
+    track, sensors, wanted = trial.track, trial.sensors, motion.robot.trials.scales
+    columns = () if sensors is None else sensors.names
+    if missing := [name for name in wanted if name not in columns]:
+        yield (
+            f"trial '{trial.name}' has no readings of {', '.join(missing)}; it has {', '.join(columns) or 'none'}; add "
+            f"columns of these names to its table of sensors, or take the sensors out of the robot file"
         )
-    elif trial.sensors is not None and about.sensors:
+    elif sensors is not None and wanted:
         try:
-            trial.sensors.between(track.times[0], track.times[-1])
+            sensors.between(track.times[0], track.times[-1])
         except TrialError as error:
-            sentences.append(f"trial '{trial.name}': its sensors can't be compared: {error}")
-    return sentences
+            yield f"trial '{trial.name}': its sensors can't be compared: {error}"

@@ -1,4 +1,4 @@
-"""Which start suits recordings: at rest in the model's own pose or a keyframe, or fitted to their first stretch.
+"""The start that suits recordings: at rest in the model's own pose or a keyframe, or fitted to their first stretch.
 
 Straight lines through the first frames show where each marker begins and how fast, those of a playback from a pose what
 commands do at once. A pose suits where both agree, unless a fitted start leaves much less of the motion unexplained.
@@ -6,7 +6,7 @@ commands do at once. A pose suits where both agree, unless a fitted start leaves
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,7 +16,6 @@ from markertrack.track import MarkerTrack
 from swim2real.checks.motion import Motion, error
 from swim2real.robots.robot import Robot
 from swim2real.settings import HORIZON
-from swim2real.simulation.playback import PlaybackSimulator
 from swim2real.simulation.start import FITTED, MARKERS, REST, STRETCH, WINDOW, FirstFrames
 from swim2real.trials import Trial, TrialSet
 from swimbase.errors import Swim2RealError, TrialError
@@ -34,7 +33,7 @@ _MOST_KEYS = 8  # keyframes that are tried
 
 @dataclass(frozen=True)
 class Beginning:
-    """How a recording begins, beside the model in a pose at rest.
+    """The beginning of a recording beside the model in a pose at rest.
 
     Attributes:
         off: Distance from this pose, a mean over the markers [m].
@@ -51,7 +50,7 @@ class Beginning:
 
 @dataclass(frozen=True)
 class BetterStart:
-    """Which start suits a recording.
+    """The start that suits a recording.
 
     Attributes:
         start: `rest` where it begins in the model's own pose, at rest; else `fitted`.
@@ -65,7 +64,7 @@ class BetterStart:
 
 
 def better_starts(robot: Robot, reference: TrialSet) -> dict[str, BetterStart]:
-    """Which of rest and fitted suits each recording whose start isn't known, by the data and by what both lead to.
+    """The better of rest and fitted for each recording whose start isn't known, by the data and by what both lead to.
 
     A command that jumps as a recording begins speaks for neither: what it does at once, the model does, too.
     """
@@ -74,11 +73,10 @@ def better_starts(robot: Robot, reference: TrialSet) -> dict[str, BetterStart]:
 
 def started(robot: Robot, reference: TrialSet) -> Robot:
     """The robot, with the start that suits all recordings where its file names none."""
-    about = robot.trials
-    if about.start_named or about.swims is not None:
+    if robot.trials.start_named or robot.trials.steady:
         return robot
     fitted = any(one.start == FITTED for one in better_starts(robot, reference).values())
-    return replace(robot, trials=replace(about, start=FITTED if fitted else REST))
+    return robot.starting(FITTED if fitted else REST)
 
 
 def other_start(robot: Robot, reference: TrialSet) -> str | None:
@@ -86,72 +84,65 @@ def other_start(robot: Robot, reference: TrialSet) -> str | None:
     named = robot.trials.start
     if not robot.trials.start_named or not (rest := _begun(robot, reference, REST)):
         return None
-    better = _better(robot, reference, rest)
-    errors = [1e3 * float(np.mean([getattr(one, start) for one in better.values()])) for start in (REST, FITTED)]
-    misses = " (with the model's own values they are {:.2g} mm off from rest, {:.2g} mm from a fitted start)"
+    better = _better(robot, reference, rest).values()
+    off, fitted = (1e3 * float(np.mean([getattr(one, start) for one in better])) for start in (REST, FITTED))
+    misses = f" (with the model's own values they are {off:.2g} mm off from rest, {fitted:.2g} mm from a fitted start)"
     if named not in (FITTED, MARKERS):
         for name, one in _begun(robot, reference, named).items():
             if not one.rests:
                 return (
                     f"trial '{name}' begins {1e3 * one.off:.1f} mm from the pose of start = \"{named}\", {one.marker} "
                     f'moving by {1e3 * one.speed:.0f} mm/s: say start = "fitted" in the robot file'
-                ) + misses.format(*errors) * (errors[1] < errors[0])
+                ) + misses * (fitted < off)
         return None
     keys = [robot.model.key(k).name for k in range(min(robot.model.nkey, _MOST_KEYS))]
     for pose in dict.fromkeys((REST, *filter(None, keys))):
-        begun = _begun(robot, reference, pose)
-        speaks_against = pose == REST and any(one.start == FITTED for one in better.values())
-        if len(begun) < len(better) or speaks_against or not all(one.rests for one in begun.values()):
-            continue
-        where = "the model's own pose" if pose == REST else f"keyframe '{pose}'"
-        count = "The recording begins" if len(begun) == 1 else f"All {len(begun)} recordings begin"
-        return (
-            f"{count} at rest in {where}, within {1e3 * max(one.off for one in begun.values()):.1f} mm: start = "
-            f'"{pose}" in the robot file says so, and leaves less to be found than "{named}"'
-            + misses.format(*errors)
-            * (pose == REST)
-        )
+        begun = rest if pose == REST else _begun(robot, reference, pose)
+        speaks_against = pose == REST and any(one.start == FITTED for one in better)
+        if len(begun) == len(rest) and not speaks_against and all(one.rests for one in begun.values()):
+            where = "the model's own pose" if pose == REST else f"keyframe '{pose}'"
+            count = "The recording begins" if len(begun) == 1 else f"All {len(begun)} recordings begin"
+            return (
+                f"{count} at rest in {where}, within {1e3 * max(one.off for one in begun.values()):.1f} mm: start = "
+                f'"{pose}" in the robot file says so, and leaves less to be found than "{named}"'
+            ) + misses * (pose == REST)
     return _worse_than_fitted(robot, reference) if named == MARKERS else None
 
 
 def _worse_than_fitted(robot: Robot, reference: TrialSet) -> str | None:
-    """That straight lines through first frames don't show how a recording starts, as of motion that is too fast."""
-    for trial in reference:
-        lines, fitted = (_error(robot, trial.cut(STRETCH), start) for start in (MARKERS, FITTED))
-        if lines > _WORSE * fitted:
+    """A sentence where straight lines through first frames don't show how a recording starts, as of fast motion."""
+    lines, fitted = (_errors(robot, reference, start, STRETCH) for start in (MARKERS, FITTED))
+    for name, off in lines.items():
+        if off > _WORSE * fitted[name]:
             return (
-                f"trial '{trial.name}' moves too fast for straight lines through its first frames (start = "
-                f'"{MARKERS}"), which put the first {STRETCH:g} s {1e3 * lines:.2g} mm off, a fitted start '
-                f'{1e3 * fitted:.2g} mm: say start = "fitted" in the robot file'
+                f"trial '{name}' moves too fast for straight lines through its first frames (start = \"{MARKERS}\"), "
+                f"which put the first {STRETCH:g} s {1e3 * off:.2g} mm off, a fitted start {1e3 * fitted[name]:.2g} "
+                f'mm: say start = "fitted" in the robot file'
             )
     return None
 
 
 def _begun(robot: Robot, reference: TrialSet, pose: str) -> dict[str, Beginning]:
-    """How each recording whose start isn't known begins beside a pose, by trial.
+    """Beginnings of recordings whose start isn't known, beside a pose, by trial.
 
     Nothing of swims, of a pose from which the model can't be simulated, and of recordings that show nothing.
     """
-    about, found = robot.trials, dict[str, Beginning]()
-    if about.swims is not None or reference.marker_names != robot.marker_names:
-        return found
+    if robot.trials.steady or reference.marker_names != robot.marker_names:
+        return {}
     trials = [trial for trial in reference if not trial.start and not trial.start_velocities]
     try:
-        simulator = PlaybackSimulator(replace(robot, trials=replace(about, start=pose)))
-        made = simulator.simulate(robot.space.published, [simulator.request(trial.cut(_LONG)) for trial in trials])
+        motion = Motion(robot.starting(pose))
+        made = motion.player.simulate(robot.space.published, [motion.request(trial, _LONG) for trial in trials])
     except Swim2RealError:  # `misfits` reports it
-        return found
-    for trial, played in zip(trials, made, strict=True):
-        one = _beginning(robot, trial, played) if played.divergence is None else None
-        if one is not None:
-            found[trial.name] = one
-    return found
+        return {}
+    pairs = zip(trials, made, strict=True)
+    return {real.name: one for real, played in pairs if (one := _beginning(robot, real, played)) is not None}
 
 
 def _beginning(robot: Robot, trial: Trial, played: Trial) -> Beginning | None:
-    """How a recording begins beside a playback of it from a pose; None where nothing shows it."""
+    """The beginning of a recording beside a playback of it from a pose; None where nothing shows it."""
     real, made = _shown(robot, robot.trials.unwrapped(trial)[0]), _shown(robot, played)
-    if real is None or made is None:
+    if real is None or made is None or played.divergence is not None:
         return None
     try:
         first = FirstFrames(real, real.track.confidence)
@@ -200,23 +191,25 @@ def _laid_on(played: Array, seen: Array, known: NDArray[np.bool_]) -> Array:
 
 
 def _better(robot: Robot, reference: TrialSet, begun: Mapping[str, Beginning]) -> dict[str, BetterStart]:
-    """Which start suits recordings that begin like this beside the model's own pose."""
+    """The start that suits recordings which begin like this beside the model's own pose."""
+    rest, fitted = (_errors(robot, map(reference.__getitem__, begun), start, HORIZON) for start in (REST, FITTED))
     made: dict[str, BetterStart] = {}
     for name, one in begun.items():
-        rest, fitted = (_error(robot, reference[name].cut(HORIZON), start) for start in (REST, FITTED))
-        rests = one.rests and not rest > _WORSE * fitted
-        made[name] = BetterStart(REST if rests or (np.isfinite(rest) and fitted == np.inf) else FITTED, rest, fitted)
+        rests = one.rests and not rest[name] > _WORSE * fitted[name]
+        rests = rests or (np.isfinite(rest[name]) and fitted[name] == np.inf)
+        made[name] = BetterStart(REST if rests else FITTED, rest[name], fitted[name])
     return made
 
 
-def _error(robot: Robot, trial: Trial, start: str) -> float:
-    """Root mean square errors of a trial's streams from a start with the robot's own values, added up [m].
+def _errors(robot: Robot, trials: Iterable[Trial], start: str, seconds: float) -> dict[str, float]:
+    """Root mean square errors of trials' streams from a start with the robot's own values, added up [m].
 
     NaN for a trial that can't be played back, infinite for a playback that diverges.
     """
-    motion, values = Motion(replace(robot, trials=replace(robot.trials, start=start))), robot.space.published
-    ready = motion.prepared(trial, values)
-    if ready is None:
-        return np.nan
-    parts = motion.parts([ready], [values])[0][0]
-    return np.inf if any(part.diverged for part in parts.values()) else error(parts)
+    motion, values, found = Motion(robot.starting(start)), robot.space.published, dict[str, float]()
+    for trial in trials:
+        ready = motion.prepared(trial.cut(seconds), values)
+        parts = motion.parts([ready], [values])[0][0] if ready else {}
+        diverged = any(part.diverged for part in parts.values())
+        found[trial.name] = np.inf if diverged else error(parts) if ready else np.nan
+    return found

@@ -23,7 +23,7 @@ TABLES, THEORY = "tables.md", "theory.json"
 
 def write_theory(folder: Path, reference: TrialSet, robot: Robot) -> None:
     """Writes the speeds of swims that elongated body theory predicts into the comparison's folder, where it can."""
-    if robot.trials.swims is None or len(robot.swims.tail_markers) < 2:
+    if not robot.trials.steady or len(robot.swims.tail_markers) < 2:
         return
     targets = [
         steady_target(swim.trial, swim.quality.weights, swim.beat.frequency) for swim in examine_swims(reference, robot)

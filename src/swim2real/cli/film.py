@@ -325,7 +325,7 @@ def _rates(fps: tuple[float, ...], count: int) -> tuple[float | None, ...]:
 def _tables_of(robot: Robot, count: int, trials: Sequence[Trial] = ()) -> str:
     """Options for the tables that trials of a robot need beside their films and these don't have."""
     about = robot.trials
-    needed = {"controls": about.controls, "sensors": about.sensors} if about.swims is None else {}
+    needed = {"controls": about.controls, "sensors": about.sensors} if not about.steady else {}
     lacking = [kind for kind, any_of in needed.items() if any_of]
     if trials:
         lacking = [kind for kind in lacking if any(getattr(trial, kind) is None for trial in trials)]
@@ -396,7 +396,7 @@ def _print_tracked(reports: Mapping[str, TrackingReport], robot: Robot) -> None:
 def _print_quality(findings: Findings, robot: Robot) -> None:
     from swim2real.cli import tables
 
-    swims = robot.trials.swims is not None
+    swims = robot.trials.steady
     if swims:
         tables.table(
             "What drove each trial",

@@ -80,7 +80,7 @@ def _of_robot(
     from swim2real.viewing import shown_swim, shown_trial
 
     robot, values = _robot_and_values(subject, given)
-    swims = robot.trials.swims is not None
+    swims = robot.trials.steady
     folder = reference or _own_reference(Path(subject))
     if folder is None:
         if trial is not None:

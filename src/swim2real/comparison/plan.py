@@ -99,7 +99,7 @@ def method_variant(name: str) -> MethodVariant:
 def default_methods(robot: Robot) -> tuple[str, ...]:
     """Names of the methods that are compared by default: without stages for a robot that has no plan of them."""
     left_out = {name for name, method in METHODS.items() if not method.by_default}
-    if robot.trials.swims is None or robot.trials.swims.fit_plan is None:
+    if not robot.trials.steady or robot.swims.fit_plan is None:
         left_out |= {name for name, method in METHODS.items() if method.staged}
     return tuple(name for name in NAMES if name not in left_out)
 

@@ -84,7 +84,7 @@ def possible_trials(problem: Problem, values: Values) -> list[PossibleTrial]:
 
 def column_names(robot: Robot, actuators: Mapping[str, Array]) -> dict[str, Array]:
     """Columns under the names that a table of commands for `deploy` gives them, with units."""
-    if robot.trials.swims is not None and robot.trials.swims.motor_joint is not None:
+    if robot.motor_joint is not None:
         return {FISH: next(iter(actuators.values()))}
     return {f"{name}_{_unit(robot, name).replace('/', '_')}": values for name, values in actuators.items()}
 

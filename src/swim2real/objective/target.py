@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from markertrack import frames
 from swim2real.objective.head import HeadMotion, head_motion
 from swim2real.trials import Signals, Trial
-from swimbase.errors import TrialError
+from swimbase.errors import TrialError, about
 
 Array = NDArray[np.float64]
 
@@ -110,10 +110,8 @@ def steady_target(
 
 def _path(name: str, times: Array, positions: Array, frequency: float) -> HeadMotion:
     """The motion of a real head about its path, if there is such a thing."""
-    try:
+    with about(f"trial '{name}'"):
         head = head_motion(times, positions, frequency)
-    except TrialError as error:
-        raise TrialError(f"trial '{name}': {error}") from error
     if head.wander > SHARPEST:
         raise TrialError(
             f"trial '{name}': its course turns sharply: beside the beat and a steady turn of "
@@ -177,8 +175,6 @@ def _sensor(trial: Trial, name: str, meters_per_unit: float) -> SensorTarget:
         raise TrialError(
             f"trial '{trial.name}' has no sensors; add a table with a column '{name}', which is to be compared"
         )
-    try:
+    with about(f"trial '{trial.name}': sensor '{name}' can't be compared"):
         table: Signals = trial.sensors.between(trial.track.times[0], trial.track.times[-1])
         return SensorTarget(name, meters_per_unit, table.times, table.column(name))
-    except TrialError as error:
-        raise TrialError(f"trial '{trial.name}': sensor '{name}' can't be compared: {error}") from error

@@ -119,9 +119,9 @@ def proposal_search(start: Start) -> Optimizer:
 
 
 def _spread_starts(robot: Robot, first: Array, rng: np.random.Generator) -> MultiStart:
-    swims = robot.trials.swims  # those at full length end at no threshold
     count = round(_STARTS_PER_PARAMETER * len(first))
-    return MultiStart([first, *_spread(len(first), count - 1, rng)], rng, swims is not None and swims.slow_mode)
+    smooth = robot.trials.steady and robot.swims.slow_mode  # swims at full length end at no threshold
+    return MultiStart([first, *_spread(len(first), count - 1, rng)], rng, smooth)
 
 
 def _spread(dimension: int, count: int, rng: np.random.Generator) -> list[Array]:

@@ -16,7 +16,7 @@ from swim2real.robots.robot import Robot
 from swim2real.trials import Signals, Trial
 from swim2real.trials.log_table import LogTable, choices
 from swim2real.trials.timebase import by_stamps
-from swimbase.errors import ArgumentError, TrialError
+from swimbase.errors import ArgumentError, TrialError, about
 
 Array = NDArray[np.float64]
 
@@ -246,11 +246,7 @@ def _on_clock(trial: Trial, log: LogTable) -> Trial:
         TrialError: They aren't.
     """
     for what, signals in trial.signals.items():
-        try:
+        remedy = "; --from T says at which second after the log's first row the video begins"
+        with about(f"{log.path}: the {what} of trial '{trial.name}' aren't on its clock", remedy):
             signals.check_clock(float(trial.track.times[0]), float(trial.track.times[-1]))
-        except TrialError as error:
-            raise TrialError(
-                f"{log.path}: the {what} of trial '{trial.name}' aren't on its clock: {error}; --from T says at which "
-                f"second after the log's first row the video begins"
-            ) from error
     return trial

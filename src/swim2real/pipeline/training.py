@@ -70,7 +70,7 @@ def train(
 
 def _backward(robot: Robot, values: Values) -> str | None:
     """Simulates a steady swimmer's greatest motor speed from rest; a warning if it swims tail first or diverges."""
-    if robot.trials.swims is None or robot.trials.swims.motor_joint is None:
+    if robot.motor_joint is None:
         return None
     fastest = next(iter(policy_setup(robot).actuators.values())).upper
     return backward_from_rest(from_rest(Simulator(robot, 1), values, {"fastest": fastest / math.tau}))

@@ -65,7 +65,7 @@ def write_report(run: str | Path, robot: Robot) -> Path:
 def page_context(run: ReportedRun) -> RunPage:
     """Everything that the template shows."""
     errors, saved = marker_errors(run), drawn_trials(run.saved)
-    order = "marker, head to tail" if run.robot.trials.swims is not None else "marker"
+    order = "marker, head to tail" if run.robot.trials.steady else "marker"
     charts: Charts = {"convergence": partial(convergence, run)}
     if run.has_beat:
         charts["speeds"] = partial(speeds, run)

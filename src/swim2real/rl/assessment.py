@@ -237,7 +237,7 @@ def _scans(
     shares = [(i + 0.5) / SCANNED_PHASES for i in range(SCANNED_PHASES)]
     phases = [low + (high - low) * share for share in shares] if high > low else [low]
     waves = {"sine": sine_waves(len(policy_setup(robot).actuators))}
-    if robot.trials.swims is not None and robot.trials.swims.motor_joint is not None:
+    if robot.motor_joint is not None:
         waves = {"constant": constant_waves(), **waves}
     return {
         name: scan_waves(some, task, parameters, robot, phases, seconds, disturbances=disturbances, threads=threads)

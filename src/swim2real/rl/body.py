@@ -179,7 +179,7 @@ class Bodies:
                 f"the timestep of robot '{robot.name}' is {timestep:g} s; a whole number of steps must make the "
                 f"control interval of {CONTROL_INTERVAL} s"
             )
-        motor = None if robot.trials.swims is None else robot.trials.swims.motor_joint
+        motor = robot.motor_joint
         if motor is None and disturbances.start_phase != (0.0, 0.0):
             raise ArgumentError(
                 f"a start phase is given, but robot '{robot.name}' has no motor_joint to be at one; leave it out"
@@ -338,7 +338,7 @@ def _layout(robot: Robot, setup: PolicySetup) -> _Layout:
         if not (np.abs(data.xaxis[j] @ normal) > 0.5 if int(model.jnt_type[j]) == _HINGE
                 else np.abs(axes @ data.xaxis[j]).max() > 0.5)
     ]  # fmt: skip
-    motor = None if robot.trials.swims is None else robot.trials.swims.motor_joint
+    motor = robot.motor_joint
     if motor is not None and [model.joint(j).name for j in motors] != [motor]:
         raise ArgumentError(
             f"the actuator of robot '{robot.name}' must turn its motor_joint '{motor}', a hinge without a range"

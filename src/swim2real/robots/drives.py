@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from swim2real.robots.targets import Delays
 from swim2real.trials import Trial
-from swimbase.errors import EngineError, TrialError
+from swimbase.errors import EngineError, TrialError, about
 
 Array = NDArray[np.float64]
 
@@ -105,7 +105,5 @@ def _recorded(name: str, trial: Trial, times: Array, over: float, interpolated: 
         raise TrialError(
             f"trial '{trial.name}' has no controls; actuator '{name}' needs a table with a column of its name"
         )
-    try:
+    with about(f"trial '{trial.name}': the controls don't drive actuator '{name}'"):
         return trial.controls.at(name, times, over, interpolated=interpolated)
-    except TrialError as error:
-        raise TrialError(f"trial '{trial.name}': the controls don't drive actuator '{name}': {error}") from error

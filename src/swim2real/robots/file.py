@@ -385,7 +385,10 @@ def _swims(file: RobotFile, table: SwimsTable, markers: tuple[str, ...]) -> Tria
         )
     if len(markers) < 2:
         raise RobotError(f"{where}: there is one marker; steady swims need two, the first two on the head")
-    swims = SteadySwims(
+    return SteadySwims(
+        controls={spec.actuators[0].name: SPEED if table.servo is None else _drive(table.servo)},
+        frame=(0, 1),
+        score_progress=True,
         surge_joints=(table.surge_joints[0], table.surge_joints[1]),
         tail_markers=tuple(_index(where, "tail_markers", name, markers) for name in table.tail_markers),
         motor_joint=table.motor_joint,
@@ -395,8 +398,6 @@ def _swims(file: RobotFile, table: SwimsTable, markers: tuple[str, ...]) -> Tria
         response=None if table.response is None else _call(table.response, folder, f"{where}: 'response'"),
         fit_plan=None if table.fit_plan is None else _call(table.fit_plan, folder, f"{where}: 'fit_plan'"),
     )
-    drive = SPEED if table.servo is None else _drive(table.servo)
-    return Trials({spec.actuators[0].name: drive}, frame=(0, 1), score_progress=True, swims=swims)
 
 
 def _recordings(file: RobotFile, table: RecordingsTable, markers: tuple[str, ...]) -> Trials:

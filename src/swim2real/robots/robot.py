@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, ClassVar, Protocol
 
 import mujoco
 import numpy as np
@@ -131,8 +131,80 @@ class Sensor:
 
 
 @dataclass(frozen=True)
-class SteadySwims:
-    """What is known of trials in which a robot swims with a steady beat, at one frequency a trial.
+class Trials:
+    """A robot's recordings: how they start, what drives them and what is compared; `SteadySwims` are another kind.
+
+    A recording is played back: simulated from its start under its controls, and compared at the same times.
+
+    Attributes:
+        controls: What drives each actuator, by its name; an actuator that isn't named gets 0.
+        sensors: Sensors that are compared beside the markers.
+        start: Of a recording. `rest`: the model's own pose, at rest. `markers`: the pose that fits the markers best at
+            the trial's first frames, and their speed. `fitted`: the pose and speed that fit the first stretch best,
+            found with the model of each candidate. Anything else is the name of a keyframe. A trial's own start goes
+            first.
+        start_named: Whether somebody has said so; else each recording gets the better of rest and fitted.
+        frame: Indices of the two markers that make the frame of comparison, origin at the first, x toward the second;
+            None compares in the world.
+        score_progress: Whether the robot goes somewhere and how far it comes is compared: along the line from the
+            second to the first marker of the frame.
+        steady: Whether they are steady swims.
+        description: What they are, in words.
+        protocols: How they can be compared, the default first.
+    """
+
+    controls: Mapping[str, Drive]
+    sensors: tuple[Sensor, ...] = ()
+    start: str = "rest"
+    frame: tuple[int, int] | None = None
+    score_progress: bool = False
+    start_named: bool = True
+
+    steady: ClassVar[bool] = False
+    description: ClassVar[str] = "recordings"
+    protocols: ClassVar[tuple[ProtocolName, ...]] = ("playback",)
+
+    @property
+    def scales(self) -> dict[str, float]:
+        """Meters that an error of one unit of each sensor counts as, by the sensor's name [m/unit]."""
+        return {sensor.name: sensor.meters_per_unit for sensor in self.sensors}
+
+    def unwrapped(self, trial: Trial) -> tuple[Trial, dict[str, float]]:
+        """The trial, with readings that go on where they began anew; after how much these did [unit], by their names.
+
+        Raises:
+            TrialError: Readings go beyond the range that the robot file gives them.
+        """
+        read, periods = trial.sensors, dict[str, float]()
+        if read is None:
+            return trial, periods
+        values = read.values.copy()
+        for sensor in self.sensors:
+            column = values[:, read.names.index(sensor.name)] if sensor.name in read.names else np.zeros(0)
+            if period := sensor.period(column):
+                known, periods[sensor.name] = np.isfinite(column), period
+                column[known] = np.unwrap(column[known], period=period)
+        return replace(trial, sensors=Signals(read.times, read.names, values)) if periods else trial, periods
+
+    def summary(self, marker_names: tuple[str, ...]) -> str:
+        """What a trial is, in a sentence."""
+        starts = {
+            "rest": "at rest",
+            "markers": "where the markers are",
+            "fitted": "where their first stretch fits best",
+        }
+        start = starts.get(self.start, f"in keyframe '{self.start}'") if self.start_named else _EITHER
+        pair = "" if self.frame is None else " and ".join(marker_names[i] for i in self.frame)
+        frame = f"the frame of {pair}" if pair else "the world"
+        progress = ", progress included" if self.score_progress else ""
+        if not marker_names:
+            return f"Trials are recordings without a camera that start {start} and are compared by their sensors."
+        return f"Trials are recordings that start {start} and are compared in {frame}{progress}."
+
+
+@dataclass(frozen=True, kw_only=True)
+class SteadySwims(Trials):
+    """Trials in which a robot swims with a steady beat, at one frequency a trial; they are compared once it is steady.
 
     Attributes:
         surge_joints: The two joints that carry the robot along world x and y.
@@ -155,82 +227,16 @@ class SteadySwims:
     response: Response | None = None
     fit_plan: FitPlan | None = None
 
-
-@dataclass(frozen=True)
-class Trials:
-    """What a trial of a robot is: how it starts, what drives it and what is compared.
-
-    Attributes:
-        controls: What drives each actuator, by its name; an actuator that isn't named gets 0.
-        sensors: Sensors that are compared beside the markers.
-        start: Of a recording. `rest`: the model's own pose, at rest. `markers`: the pose that fits the markers best at
-            the trial's first frames, and their speed. `fitted`: the pose and speed that fit the first stretch best,
-            found with the model of each candidate. Anything else is the name of a keyframe. A trial's own start goes
-            first.
-        start_named: Whether somebody has said so; else each recording gets the better of rest and fitted.
-        frame: Indices of the two markers that make the frame of comparison, origin at the first, x toward the second;
-            None compares in the world.
-        score_progress: Whether the robot goes somewhere and how far it comes is compared: along the line from the
-            second to the first marker of the frame.
-        swims: What is known of steady swims, which are compared once they have become steady. None for recordings,
-            which are played back: simulated from their start under their controls, compared at the same times.
-    """
-
-    controls: Mapping[str, Drive]
-    sensors: tuple[Sensor, ...] = ()
-    start: str = "rest"
-    frame: tuple[int, int] | None = None
-    score_progress: bool = False
-    swims: SteadySwims | None = None
-    start_named: bool = True
-
-    def unwrapped(self, trial: Trial) -> tuple[Trial, dict[str, float]]:
-        """The trial, with readings that go on where they began anew; after how much these did [unit], by their names.
-
-        Raises:
-            TrialError: Readings go beyond the range that the robot file gives them.
-        """
-        read, periods = trial.sensors, dict[str, float]()
-        if read is None:
-            return trial, periods
-        values = read.values.copy()
-        for sensor in self.sensors:
-            column = values[:, read.names.index(sensor.name)] if sensor.name in read.names else np.zeros(0)
-            if period := sensor.period(column):
-                known, periods[sensor.name] = np.isfinite(column), period
-                column[known] = np.unwrap(column[known], period=period)
-        return replace(trial, sensors=Signals(read.times, read.names, values)) if periods else trial, periods
-
-    @property
-    def description(self) -> str:
-        """What they are, in words."""
-        return "recordings" if self.swims is None else "steady swims"
-
-    @property
-    def protocols(self) -> tuple[ProtocolName, ...]:
-        """How they can be compared, the default first."""
-        return ("playback",) if self.swims is None else ("motion", "aligned", "paper")
+    steady: ClassVar[bool] = True
+    description: ClassVar[str] = "steady swims"
+    protocols: ClassVar[tuple[ProtocolName, ...]] = ("motion", "aligned", "paper")
 
     def summary(self, marker_names: tuple[str, ...]) -> str:
-        """What a trial is, in a sentence."""
-        if self.swims is not None:
-            beats = f"joint '{self.swims.motor_joint}' turns" if self.swims.motor_joint else "the servo swings"
-            return (
-                f"Trials are steady swims: {beats} at the trial's frequency, and the robot moves along joints "
-                f"'{self.swims.surge_joints[0]}' and '{self.swims.surge_joints[1]}'."
-            )
-        starts = {
-            "rest": "at rest",
-            "markers": "where the markers are",
-            "fitted": "where their first stretch fits best",
-        }
-        start = starts.get(self.start, f"in keyframe '{self.start}'") if self.start_named else _EITHER
-        pair = "" if self.frame is None else " and ".join(marker_names[i] for i in self.frame)
-        frame = f"the frame of {pair}" if pair else "the world"
-        progress = ", progress included" if self.score_progress else ""
-        if not marker_names:
-            return f"Trials are recordings without a camera that start {start} and are compared by their sensors."
-        return f"Trials are recordings that start {start} and are compared in {frame}{progress}."
+        beats = f"joint '{self.motor_joint}' turns" if self.motor_joint else "the servo swings"
+        return (
+            f"Trials are steady swims: {beats} at the trial's frequency, and the robot moves along joints "
+            f"'{self.surge_joints[0]}' and '{self.surge_joints[1]}'."
+        )
 
 
 @dataclass(frozen=True)
@@ -342,8 +348,8 @@ class Robot:
     @property
     def layout(self) -> Layout:
         """The markers, as tracking knows them: those of a swimmer are a chain."""
-        chain = self.trials.swims is not None
-        return Layout(self.marker_names, self.rest_markers, self.marker_heights, self.marker_bodies, chain)
+        bodies = self.marker_bodies
+        return Layout(self.marker_names, self.rest_markers, self.marker_heights, bodies, self.trials.steady)
 
     def check_markers(self, what: str) -> None:
         """Refuses a robot that is recorded without a camera.
@@ -367,11 +373,15 @@ class Robot:
             TrialError: They have another number of markers; of recordings, or other names.
         """
         theirs, own = trials.marker_names, self.marker_names
-        if theirs != own and (self.trials.swims is None or len(theirs) != len(own)):
+        if theirs != own and (not self.trials.steady or len(theirs) != len(own)):
             raise TrialError(
                 f"these trials have {len(theirs)} markers ({', '.join(theirs)}); robot '{self.name}' has {len(own)} "
                 f"({', '.join(own)}); give --robot FILE.toml, or name the markers alike, in the same order"
             )
+
+    def starting(self, start: str) -> Robot:
+        """The robot whose recordings start like that."""
+        return replace(self, trials=replace(self.trials, start=start))
 
     def delays_of(self, values: Values) -> Delays:
         """The delays of recordings for parameter values."""
@@ -384,12 +394,17 @@ class Robot:
         Raises:
             ArgumentError: Its trials are recordings.
         """
-        if self.trials.swims is None:
+        if not isinstance(self.trials, SteadySwims):
             raise ArgumentError(
                 f"the trials of robot '{self.name}' are recordings; this needs steady swims, so a robot file with "
                 f"[swims] instead of [recordings]"
             )
-        return self.trials.swims
+        return self.trials
+
+    @property
+    def motor_joint(self) -> str | None:
+        """The joint that the motor of a steady swimmer turns; None for a servo, and for recordings."""
+        return self.trials.motor_joint if isinstance(self.trials, SteadySwims) else None
 
     @property
     def recordings(self) -> Trials:
@@ -398,6 +413,6 @@ class Robot:
         Raises:
             ArgumentError: They are steady swims.
         """
-        if self.trials.swims is not None:
+        if self.trials.steady:
             raise ArgumentError(f"the trials of robot '{self.name}' are steady swims; this needs recordings")
         return self.trials

@@ -39,7 +39,7 @@ from swim2real.simulation.start import (
 from swim2real.simulation.stepper import physics_state, roll, roll_each
 from swim2real.trials import Signals, Trial, TrialSet
 from swim2real.trials.signals import MEMORY
-from swimbase.errors import EngineError, TrialError
+from swimbase.errors import EngineError, TrialError, about
 
 Array = NDArray[np.float64]
 
@@ -123,10 +123,8 @@ class PlaybackSimulator:
         times = trial.track.times
         commands(self.robot.model, self._about.controls, trial, times)
         if trial.controls is not None and any(drive.table for drive in self._about.controls.values()):
-            try:
+            with about(f"trial '{trial.name}': its controls don't drive it"):
                 trial.controls.check_clock(times[0], times[-1])
-            except TrialError as error:
-                raise TrialError(f"trial '{trial.name}': its controls don't drive it: {error}") from error
         start_at_joints(self.robot.model, mujoco.MjData(self.robot.model), trial)
         believed = np.ones(trial.track.confidence.shape) if weights is None else weights
         ready, periods = self._about.unwrapped(trial)
@@ -155,9 +153,8 @@ class PlaybackSimulator:
 
     def _piece(self, begun: Rollout, weights: Array, part: slice) -> Rollout:
         """A part of a recording, from one frame to another."""
-        trial, track = begun.trial, begun.trial.track
-        frames = MarkerTrack(track.times[part], track.positions[part], track.confidence[part])
-        own = replace(trial, track=frames, start={}, start_velocities={})
+        trial = begun.trial
+        own = replace(trial, track=trial.track.frames(part), start={}, start_velocities={})
         return self._shown(replace(begun, trial=own, whole=trial), weights[part], fitted=True)
 
     def simulate(self, values: Values, rollouts: Sequence[Rollout]) -> TrialSet:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import re
 import tempfile
 from collections.abc import Callable
@@ -55,13 +54,10 @@ def fetch(
     if (target / INDEX).exists():
         raise TrialError(f"'{target}' holds a reference already; remove it or choose another folder with --to")
     address = SOURCE if source is None else str(source)
-    if "://" not in address:
-        paths = _from_folder(Path(address), on_file)
+    with tempfile.TemporaryDirectory() as cache:
+        online = "://" in address
+        paths = _download(address, Path(cache), on_file) if online else _from_folder(Path(address), on_file)
         trials = TrialSet(tuple(read_published(path) for path in paths))
-    else:
-        with tempfile.TemporaryDirectory() as cache:
-            paths = _download(address, Path(cache), on_file)
-            trials = TrialSet(tuple(read_published(path) for path in paths))
     save_reference(trials, target)
     return trials
 
@@ -72,18 +68,13 @@ def _from_folder(folder: Path, on_file: Callable[[str, str], None]) -> list[Path
     paths: list[Path] = []
     for name, expected in SHA256.items():
         path = folder / name
-        if not path.is_file():
-            on_file(name, "not there")
-            continue
-        with path.open("rb") as file:
-            digest = hashlib.file_digest(file, "sha256").hexdigest()
-        if digest != expected:
-            raise TrialError(
-                f"{path} isn't the published file: its sha256 is {digest[:12]}…, expected {expected[:12]}…; "
-                f"get it again from {PAGE}"
-            )
-        on_file(name, "taken")
-        paths.append(path)
+        if path.is_file():
+            digest = pooch.file_hash(str(path))
+            if digest != expected:
+                said = f"its sha256 is {digest[:12]}…, expected {expected[:12]}…; get it again from {PAGE}"
+                raise TrialError(f"{path} isn't the published file: {said}")
+            paths.append(path)
+        on_file(name, "taken" if path.is_file() else "not there")
     if not paths:
         raise TrialError(f"'{folder}' holds none of the published files ({', '.join(SHA256)})")
     return paths
@@ -120,9 +111,7 @@ def _download(source: str, cache: Path, on_file: Callable[[str, str], None]) -> 
         except Exception as error:  # whatever the network library raises, which is an OSError; another hash isn't
             another = isinstance(error, ValueError) and not isinstance(error, OSError)
             what = "isn't the published file" if another else f"can't be downloaded ({type(error).__name__})"
-            raise TrialError(
-                f"{name} from {source} {what}. By hand: get the files of {PAGE} and run "
-                f"`swim2real fetch --from FOLDER --to …`"
-            ) from error
+            by_hand = f"By hand: get the files of {PAGE} and run `swim2real fetch --from FOLDER --to …`"
+            raise TrialError(f"{name} from {source} {what}. {by_hand}") from error
         on_file(name, "downloaded")
     return paths

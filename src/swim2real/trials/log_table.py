@@ -18,7 +18,7 @@ from swim2real.formatting import listed
 from swim2real.trials.text_table import TextTable, read_table
 from swim2real.trials.units import factor, kind_of, unit_of_header, without_unit
 from swimbase.checking import did_you_mean
-from swimbase.errors import ArgumentError, TrialError
+from swimbase.errors import ArgumentError, TrialError, about
 from swimbase.names import quoted
 
 if TYPE_CHECKING:
@@ -43,13 +43,13 @@ Column = tuple[str, Array]
 
 @dataclass(frozen=True)
 class Stamps:
-    """When the rows of a log are.
+    """Time stamps of the rows of a log.
 
     Attributes:
         words: The column of the stamps, in words.
         first: Stamp of the first row on the log's own clock, such as the one that counts from 1970 [ns].
         values: Times of the rows after the first one, rising [s]. Shape (R,).
-        notes: What was understood without being said.
+        notes: Sentences on what was understood without being said.
     """
 
     words: str
@@ -67,7 +67,7 @@ class LogTable(TextTable):
     """A log that was read."""
 
     def has(self, text: str) -> bool:
-        """Whether a text names a column, with or without its unit."""
+        """True for a text that names a column, with or without its unit."""
         return any(self._named(name) for name in _split(text))
 
     def column(self, text: str, what: str, into: str = "") -> Column:
@@ -94,22 +94,18 @@ class LogTable(TextTable):
             raise ArgumentError(self.missing(text, what))
         places = self._named(named)
         headers = [self.names[place] for place in places]
-        if len(places) > 1 and len(set(headers)) == 1:
-            raise ArgumentError(f"{self.path}: several columns are named '{headers[0]}'; give each its own name")
         if len(places) > 1:
-            raise ArgumentError(
-                f"{self.path}: '{named}' for {what} may be {', '.join(map(quoted, headers))}; give the whole name"
-            )
+            several = f"'{named}' for {what} may be {', '.join(map(quoted, headers))}; give the whole name"
+            alike = f"several columns are named '{headers[0]}'; give each its own name"
+            raise ArgumentError(f"{self.path}: {alike if len(set(headers)) == 1 else several}")
         place, given = places[0], text[len(named) + 1 :]
         number = _FACTOR.fullmatch(given)
         times, given = (float(number[1]), number[2]) if number else (1.0, given)
         below = None if _CLOCK.search(self.cells[place][0]) else self.units[place]  # of dates it is none
         unit = given or unit_of_header(headers[0]) or below or self.stated.get(kind_of(into))
-        try:
+        remedy = "" if given else f"; say its unit with '{headers[0]}:UNIT'"
+        with about(f"{self.path}: column '{headers[0]}' for {what}", remedy):
             scale = times if unit is None else times * factor(unit, into)
-        except ArgumentError as error:
-            remedy = "" if given else f"; say its unit with '{headers[0]}:UNIT'"
-            raise ArgumentError(f"{self.path}: column '{headers[0]}' for {what}: {error}{remedy}") from error
         return place, f"{f' in {unit}' * bool(unit)}{f' times {times:g}' * bool(number)}", scale
 
     def _named(self, text: str) -> list[int]:
@@ -126,7 +122,7 @@ class LogTable(TextTable):
         return whole or [place for place, calls in enumerate(called) if wanted in calls]
 
     def missing(self, text: str, what: str) -> str:
-        """That there is no such column, and which there are."""
+        """A sentence that there is no such column, with those that there are."""
         near = next(filter(None, (did_you_mean(name, self.names) for name in _split(text))), "")
         return f"{self.path} has no column '{text}' for {what}{f'{near} Its' if near else '; its'} {self._columns}"
 
@@ -170,17 +166,15 @@ class LogTable(TextTable):
             values = _spread(values, tick)
         for row in np.flatnonzero(np.diff(values) <= 0)[:1]:
             before, after = _NANO * first + values[row : row + 2]
-            told = f"is {'the time of' if after == before else 'before'} the row above ({before:.10g} s)"
-            raise TrialError(
-                f"{self.place(row + 1)}: {after:.10g} s {told}; times must rise, so leave the row out, or cut a "
-                f"log that begins anew in two"
-            )
+            where = f"is {'the time of' if after == before else 'before'} the row above ({before:.10g} s)"
+            remedy = "times must rise, so leave the row out, or cut a log that begins anew in two"
+            raise TrialError(f"{self.place(row + 1)}: {after:.10g} s {where}; {remedy}")
         steps = np.diff(values)
         long = np.flatnonzero(steps > _GAP * np.median(steps))
-        told = ", ".join(f"{steps[row]:.3g} s from {values[row] - values[0]:.3f} s on" for row in long[:_MOST_GAPS])
+        gaps = ", ".join(f"{steps[row]:.3g} s from {values[row] - values[0]:.3f} s on" for row in long[:_MOST_GAPS])
         more = f" and {len(long) - _MOST_GAPS} more" if len(long) > _MOST_GAPS else ""
-        if told:
-            notes.append(f"rows are missing for {told}{more}; cut it off with --from and --until if it matters")
+        if gaps:
+            notes.append(f"rows are missing for {gaps}{more}; cut it off with --from and --until if it matters")
         return Stamps(f"'{header}'{unit}", first + round(values[0] / _NANO), values - values[0], tuple(notes))
 
     def _counted(self, place: int, unit: str, scale: float) -> tuple[int, Array, str]:
@@ -193,10 +187,8 @@ class LogTable(TextTable):
         """
         texts, dates = self.cells[place], _dates(self.cells[place])
         if dates is None and _CLOCK.search(texts[0]):
-            raise TrialError(
-                f"{self.place(0, place)}: {quoted(texts[0])} is no time that is known; write 2024-06-18T09:40:00.010, "
-                f"09:40:00.010 or seconds"
-            )
+            known = "write 2024-06-18T09:40:00.010, 09:40:00.010 or seconds"
+            raise TrialError(f"{self.place(0, place)}: {quoted(texts[0])} is no time that is known; {known}")
         numbers = self.numbers(place, math.inf) if dates is None else dates.dt.total_seconds().to_numpy(float)
         for row in np.flatnonzero(np.isnan(numbers))[:1]:
             raise TrialError(f"{self.place(row)}: no time in column '{self.names[place]}'; each row needs one")
@@ -211,7 +203,7 @@ class LogTable(TextTable):
 
 
 def _dates(cells: Sequence[str]) -> pd.Series[Any] | None:
-    """How long after 1970 dates with times are, or times of day after midnight; None where they are neither."""
+    """Times of dates since 1970, or of times of day since midnight; None where they are neither."""
     import pandas as pd
 
     if not _CLOCK.search(cells[0]):
@@ -264,7 +256,7 @@ def read_log(path: Path) -> LogTable:
 def choices(
     option: str, texts: Sequence[str], known: Sequence[str], what: str, behind: Callable[[str], str] = lambda name: ""
 ) -> dict[str, str]:
-    """What was given as NAME=COLUMN, by name; a name alone stands for a column of the same name.
+    """Columns that were given as NAME=COLUMN, by name; a name alone stands for a column of the same name.
 
     Args:
         option: Name of the option, for messages.
@@ -304,6 +296,6 @@ def _words(text: str) -> str:
 
 
 def _calls(header: str) -> list[str]:
-    """What a column may be called: its name without its unit, whole and without whose it is, as in robot/arm.angle."""
+    """Names of a column without its unit, whole and without whose it is, as in robot/arm.angle."""
     parts = re.split(r"[./:]", without_unit(header))
     return [_words(" ".join(parts[place:])) for place in range(len(parts))]

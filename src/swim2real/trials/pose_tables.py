@@ -41,9 +41,8 @@ def write_dlc(track: MarkerTrack, names: Sequence[str], path: str | Path, scorer
         TrialError: The names aren't the track's, or the file can't be written.
     """
     if len(names) != track.marker_count or len(set(names)) != len(names):
-        raise TrialError(
-            f"{len(names)} names ({', '.join(names)}) for {track.marker_count} markers; each needs its own"
-        )
+        count = f"{len(names)} names ({', '.join(names)}) for {track.marker_count} markers"
+        raise TrialError(f"{count}; each needs its own")
     cells = np.concatenate([track.positions, track.confidence[:, :, None]], axis=2).reshape(track.frame_count, -1)
     heads = [
         ["scorer", *[scorer] * cells.shape[1]],
@@ -94,20 +93,16 @@ def read_poses(path: Path, fps: float, names: Sequence[str]) -> tuple[MarkerTrac
     alike = [markers for markers in animals.values() if len(markers) == len(names)]
     if not named and sum(map(len, animals.values())) == len(whole) and set(names) <= set(whole):
         named = [whole]
-    notes: list[str] = []
     if len(named) == 1:
-        chosen = {name: named[0][name] for name in names}
-        if others := [name for name in whole if name not in chosen]:
-            notes.append(f"what else the table has isn't taken: {', '.join(others)}")
+        chosen, others = {name: named[0][name] for name in names}, [name for name in whole if name not in names]
+        notes = [f"what else the table has isn't taken: {', '.join(others)}"] * bool(others)
     elif not named and len(alike) == 1:
         chosen = alike[0]
         pairs = ", ".join(f"{ours} is {theirs}" for ours, theirs in zip(names, chosen, strict=True))
-        notes.append(f"markers are taken in the table's order: {pairs}")
+        notes = [f"markers are taken in the table's order: {pairs}"]
     else:
-        found = _alone(animals, path)
-        raise TrialError(
-            f"{path}: {len(found)} markers ({', '.join(found)}); {len(names)} are wanted ({', '.join(names)})"
-        )
+        found, wanted = _alone(animals, path), f"{len(names)} are wanted ({', '.join(names)})"
+        raise TrialError(f"{path}: {len(found)} markers ({', '.join(found)}); {wanted}")
     track, more = _track(times, chosen)
     return track, notes + more
 
@@ -135,9 +130,8 @@ def _track(times: Array, markers: Markers) -> tuple[MarkerTrack, list[str]]:
 def _alone(animals: Mapping[str, Markers], path: str | Path) -> Markers:
     """The markers of the only animal."""
     if len(animals) > 1:
-        raise TrialError(
-            f"{path}: {len(animals)} animals ({', '.join(animals)}); one swimmer is needed, so export it by itself"
-        )
+        found = f"{len(animals)} animals ({', '.join(animals)})"
+        raise TrialError(f"{path}: {found}; one swimmer is needed, so export it by itself")
     return next(iter(animals.values()))
 
 
@@ -161,11 +155,9 @@ def _read(path: Path, fps: float) -> tuple[Array, Mapping[str, Markers]]:
             if not np.isinf(cells[0, axis]):
                 raise TrialError(f"{path}: column '{coordinate}' of marker '{part}' comes twice; leave one out")
             cells[:, axis] = table.numbers(place)
-    placed = {
-        animal: {part: cells for part, cells in parts.items() if not np.isinf(cells[0, :2]).any()}
-        for animal, parts in found.items()
-    }
-    animals = {animal: markers for animal, markers in placed.items() if markers}
+    for animal, parts in found.items():  # markers have both coordinates
+        found[animal] = {part: cells for part, cells in parts.items() if not np.isinf(cells[0, :2]).any()}
+    animals = {animal: markers for animal, markers in found.items() if markers}
     if not animals:
         raise TrialError(
             f"{path}: no pose table; it needs DeepLabCut's header rows scorer, bodyparts, coords, or columns NAME.x "
@@ -184,15 +176,13 @@ def _frames(table: TextTable) -> Array:
     try:
         frames = table.numbers(place)
     except TrialError as error:
-        raise TrialError(
-            f"{error}, as the number of a frame must be; tables of single labeled pictures are no track, analyze the "
-            f"video instead"
-        ) from None
+        pictures = "tables of single labeled pictures are no track, analyze the video instead"
+        raise TrialError(f"{error}, as the number of a frame must be; {pictures}") from None
     for row in np.flatnonzero(~(frames >= 0) | (frames % 1 != 0))[:1]:
         raise TrialError(f"{table.place(row, place)}: {frames[row]:g} is no frame number; it must be whole, 0 or above")
     for row in np.flatnonzero(np.diff(frames) <= 0)[:1]:
+        remedy = "they must rise: of several animals or tracks, export one by itself"
         raise TrialError(
-            f"{table.place(row + 1)}: frame {frames[row + 1]:g} comes after frame {frames[row]:g}; they must rise: of "
-            f"several animals or tracks, export one by itself"
+            f"{table.place(row + 1)}: frame {frames[row + 1]:g} comes after frame {frames[row]:g}; {remedy}"
         )
     return frames

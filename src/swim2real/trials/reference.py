@@ -20,12 +20,12 @@ from pydantic import BaseModel, Field, model_validator
 
 from markertrack.track import MarkerTrack
 from swim2real.trials.published import read_published
-from swim2real.trials.signals import TIME, Signals, read_signals, write_signals
+from swim2real.trials.signals import TIME, read_signals, write_signals
 from swim2real.trials.text_table import read_table, write_table
 from swim2real.trials.timebase import Timebase
 from swim2real.trials.trial import Perspective, Trial, TrialSet, check_motion, check_trial_name
 from swimbase.checking import FileName, Label, Number, PathText, Positive, read
-from swimbase.errors import TrialError
+from swimbase.errors import TrialError, about
 from swimbase.names import composed, file_key
 from swimbase.store import locked, path_from, write_json, writing
 
@@ -36,6 +36,7 @@ FILMS = (".mp4", ".mov", ".m4v", ".mkv", ".avi", ".ts", ".mts", ".mpg", ".mpeg",
 _MOST_FILMS = 3  # that a sentence names
 _NEARLY = 0.8  # how alike names are that mean the same
 _SAME_FPS = 0.01  # relative difference of a rate that was rounded
+_SAID, _KEPT = ("meters_per_pixel", "provenance"), ("start", "start_velocities", "perspective", "timebases")
 _RECORDED = ("controls", "sensors", "start", "start_velocities")  # kept when the video is tracked again
 
 
@@ -51,7 +52,7 @@ class _Open(BaseModel, extra="allow"):
 
 
 class TrialEntry(_Open):
-    """What the index of a reference folder says of a trial. Other keys are kept as they are.
+    """Entry of a trial in the index of a reference folder. Other keys are kept as they are.
 
     Attributes:
         name: Name of the trial.
@@ -85,11 +86,12 @@ class TrialEntry(_Open):
     perspective: Perspective | None = None
     timebases: dict[str, Timebase] = Field(default_factory=dict)
 
-    @property
-    def tables(self) -> set[str]:
-        """Names of the trial's files in the folder."""
-        track = self.table or f"{self.name}.csv"
-        return {track, *(name for name in (self.controls, self.sensors) if name)}
+    def files(self, *, filmed: bool = True) -> dict[str, str]:
+        """Names of the trial's files in the folder, by `table`, `controls` and `sensors`, as far as it has them."""
+        table = (self.table or f"{self.name}.csv") if filmed else None
+        sensors = self.sensors or (None if filmed else f"{self.name}{_SENSORS}")
+        found = {"table": table, "controls": self.controls, "sensors": sensors}
+        return {kind: name for kind, name in found.items() if name}
 
 
 class Index(_Open):
@@ -138,7 +140,7 @@ def load_reference(folder: str | Path) -> TrialSet:
 
 
 def _films(what: str, films: Sequence[Path]) -> str:
-    """What to do with films in place of tracks."""
+    """Commands that make tracks of films."""
     given = shlex.join(str(film) for film in films[:_MOST_FILMS])
     points = " ".join(shlex.quote(f"{film.stem}.points.json") for film in films[:_MOST_FILMS])
     more = " …" if len(films) > _MOST_FILMS else ""
@@ -241,34 +243,26 @@ def _entries(path: Path, marker_names: tuple[str, ...], table: str) -> list[Tria
 
 def _check_files(entry: TrialEntry, entries: list[TrialEntry], path: Path) -> None:
     """Checks that no other trial has a table of the same name."""
+    ours = {file_key(table) for table in entry.files().values()}
     for other in entries:
-        ours = {file_key(table) for table in entry.tables}
-        shared = sorted(table for table in other.tables if file_key(table) in ours)
+        shared = sorted(table for table in other.files().values() if file_key(table) in ours)
         if composed(other.name) != composed(entry.name) and shared:
             raise TrialError(f"table '{shared[0]}' in '{path}' is trial '{other.name}'; choose another name")
 
 
 def _entry(trial: Trial, folder: Path) -> TrialEntry:
-    """What the index says of a trial; keys of what it doesn't have aren't set."""
+    """Entry of a trial for the index; keys of what it doesn't have aren't set."""
     optional: dict[str, Any] = {
         "table": f"{trial.name}.csv" if trial.track.marker_count else None,
         "video": None if trial.video is None else path_from(folder, trial.video),
         "video_begin_s": round(trial.video_begin, 9),
-        **{kind: _signals_file(trial, kind) for kind in trial.signals},
-        "start": dict(trial.start),
-        "start_velocities": dict(trial.start_velocities),
-        "perspective": trial.perspective,
-        "timebases": dict(trial.timebases),
+        **{kind: f"{trial.name}.{kind}.csv" for kind in trial.signals},
+        **{key: getattr(trial, key) for key in _KEPT},
     }
     return TrialEntry(
         name=trial.name, nominal_frequency_hz=trial.nominal_frequency, fps=round(trial.fps, 6),
-        meters_per_pixel=trial.meters_per_pixel, provenance=trial.provenance,
-        **{key: value for key, value in optional.items() if value},
+        **{key: getattr(trial, key) for key in _SAID}, **{key: value for key, value in optional.items() if value},
     )  # fmt: skip
-
-
-def _signals_file(trial: Trial, kind: str) -> str:
-    return f"{trial.name}.{kind}.csv"
 
 
 def _read_index(path: Path) -> Index:
@@ -285,28 +279,15 @@ def _load_folder(path: Path, index: Index) -> TrialSet:
 
 
 def _load_trial(folder: Path, entry: TrialEntry, markers: list[str]) -> Trial:
-    controls = _load_signals(folder, entry, "controls", entry.controls)
-    sensors = _load_signals(folder, entry, "sensors", entry.sensors)
-    if not markers:
-        table, track = _file(folder, entry, "sensors", entry.sensors or f"{entry.name}{_SENSORS}"), _no_track(sensors)
-    else:
-        table = _file(folder, entry, "table", entry.table or f"{entry.name}.csv")
-        track = _read_track(table, markers)
+    paths = {kind: _file(folder, entry, kind, name) for kind, name in entry.files(filmed=bool(markers)).items()}
+    tables = {kind: read_signals(path) for kind, path in paths.items() if kind != "table"}
+    table = paths["table" if markers else "sensors"]
+    track = _read_track(table, markers) if markers else MarkerTrack.without_markers(tables["sensors"].times)
+    video = None if entry.video is None else folder / entry.video
     trial = Trial(
-        name=entry.name,
-        track=track,
-        nominal_frequency=entry.nominal_frequency_hz,
-        meters_per_pixel=entry.meters_per_pixel,
-        provenance=entry.provenance,
-        video=None if entry.video is None else folder / entry.video,
-        video_begin=entry.video_begin_s,
-        controls=controls,
-        sensors=sensors,
-        start=entry.start,
-        start_velocities=entry.start_velocities,
-        perspective=entry.perspective,
-        timebases=entry.timebases,
-    )
+        entry.name, track, entry.nominal_frequency_hz, video=video, video_begin=entry.video_begin_s, **tables,
+        **{key: getattr(entry, key) for key in (*_SAID, *_KEPT)},
+    )  # fmt: skip
     check_motion(trial, table)
     if entry.fps is not None and abs(entry.fps / trial.fps - 1) > _SAME_FPS:
         raise TrialError(
@@ -316,26 +297,14 @@ def _load_trial(folder: Path, entry: TrialEntry, markers: list[str]) -> Trial:
     return trial
 
 
-def _no_track(sensors: Signals | None) -> MarkerTrack:
-    """Time stamps of sensors, without markers."""
-    times = np.zeros(0) if sensors is None else sensors.times
-    return MarkerTrack(times, np.zeros((len(times), 0, 2)))
-
-
 def _read_track(table: Path, markers: list[str]) -> MarkerTrack:
     read, columns = read_table(table), _columns(markers)
     if list(read.names) != columns:
         raise TrialError(f"{table}, line 1: the header must be {','.join(columns[:4])},… ({len(columns)} columns)")
     rows = read.matrix(f"{len(columns)} columns, as the header", len(columns), 2)
     cells = rows[:, 1:].reshape(len(rows), len(markers), 3)
-    try:
+    with about(table):
         return MarkerTrack(rows[:, 0], cells[:, :, :2], np.nan_to_num(cells[:, :, 2]))
-    except TrialError as error:
-        raise TrialError(f"{table}: {error}") from error
-
-
-def _load_signals(folder: Path, entry: TrialEntry, kind: str, name: str | None) -> Signals | None:
-    return None if name is None else read_signals(_file(folder, entry, kind, name))
 
 
 def _file(folder: Path, entry: TrialEntry, kind: str, name: str) -> Path:
@@ -357,4 +326,4 @@ def _write_tables(folder: Path, trial: Trial, markers: tuple[str, ...]) -> None:
         cells = np.concatenate([track.positions, track.confidence[:, :, None]], axis=2).reshape(track.frame_count, -1)
         write_table(folder / f"{trial.name}.csv", [_columns(markers)], np.column_stack([track.times, cells]).tolist())
     for kind, signals in trial.signals.items():
-        write_signals(signals, folder / _signals_file(trial, kind))
+        write_signals(signals, folder / f"{trial.name}.{kind}.csv")

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swim2real.trials.text_table import read_table, write_table
-from swimbase.errors import TrialError
+from swimbase.errors import TrialError, about
 from swimbase.names import label_fault, quoted
 
 Array = NDArray[np.float64]
@@ -51,9 +51,7 @@ class Signals:
             if fault := label_fault(name):
                 raise TrialError(f"column {quoted(name)} {fault}; give it another name")
         stamps.flags.writeable = columns.flags.writeable = False
-        object.__setattr__(self, "times", stamps)
-        object.__setattr__(self, "names", tuple(names))
-        object.__setattr__(self, "values", columns)
+        vars(self).update(times=stamps, names=tuple(names), values=columns)
 
     def column(self, name: str) -> Array:
         """Values of the column with a name. Shape (R,).
@@ -165,10 +163,8 @@ def read_signals(path: Path) -> Signals:
     if table.names[:1] != (TIME,) or len(table.names) < 2:
         raise TrialError(f"{path}, line 1: the header must be {wanted}")
     rows = table.matrix(wanted)
-    try:
+    with about(path):
         return Signals(rows[:, 0], table.names[1:], rows[:, 1:])
-    except TrialError as error:
-        raise TrialError(f"{path}: {error}") from error
 
 
 def write_signals(signals: Signals, path: Path) -> None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import csv
 import re
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import accumulate, groupby
 from pathlib import Path
@@ -89,7 +90,7 @@ class TextTable:
         return values
 
     def place(self, row: int, column: int | None = None) -> str:
-        """Where a cell or a row stands, for messages."""
+        """Line and column of a cell, or the line of a row, for messages."""
         return f"{self.path}, line {self.lines[row]}" + ("" if column is None else f", column {column + 1}")
 
     def matrix(self, wanted: str, width: int = 0, least: int = 1) -> Array:
@@ -121,12 +122,12 @@ def read_table(path: Path) -> TextTable:
     """
     text = _read_text(path)
     lines = text.splitlines()
-    told = _SEPARATOR.fullmatch(lines[0].strip()) if lines else None
-    if told:
+    given = _SEPARATOR.fullmatch(lines[0].strip()) if lines else None
+    if given:
         lines[0] = ""
     middle = lines[max(0, len(lines) // 2 - _MIDDLE) : len(lines) // 2 + _MIDDLE]
     try:
-        fits = [_fit(middle, one) for one in (told[1] if told else _SEPARATORS)]
+        fits = [_fit(middle, one) for one in (given[1] if given else _SEPARATORS)]
         (longest, *_), separator, numeric = max(fits, key=lambda fit: fit[0])  # of equal ones the first
         records = list(_records(lines, separator))
     except csv.Error as error:
@@ -147,17 +148,14 @@ def read_table(path: Path) -> TextTable:
         odd.append(line)
         whole = line < records[-1][0] or text.endswith(("\n", "\r"))  # and not the half of a line at the end
         if whole and 2 * sum(map(bool, map(_number, cells))) >= len(cells):
-            raise TrialError(
-                f"{path}, line {line + 1}: {len(cells)} columns; the other rows have {len(numeric)}: mend the "
-                f"line, or leave it out"
-            )
+            others = f"the other rows have {len(numeric)}: mend the line, or leave it out"
+            raise TrialError(f"{path}, line {line + 1}: {len(cells)} columns; {others}")
     numbers, cells = zip(*rows, strict=True)
     columns: list[tuple[str, ...]] = list(zip(*cells, strict=True))
     width = max(k + 1 for k in range(wide) if (k < len(numeric) and names[k]) or any(columns[k]))
     if heads and not all(names[1:width]):
-        raise TrialError(
-            f"{path}, line {numbers[0]}: {width} columns; the header names {sum(map(bool, names))}: give each a name"
-        )
+        named = f"the header names {sum(map(bool, names))}: give each a name"
+        raise TrialError(f"{path}, line {numbers[0]}: {width} columns; {named}")
     comma, point = (any(re.search(_DECIMAL.format(m), "\n".join(column)) for column in columns) for m in (",", r"\."))
     if comma and not point:
         columns = [tuple(cell.replace(",", ".") for cell in column) for column in columns]
@@ -178,21 +176,20 @@ def write_table(path: Path, heads: Iterable[Sequence[str]], rows: Iterable[Seque
 
 def _read_text(path: Path) -> str:
     """The text of a file in whatever encoding it is, of at most 64 MB and a million lines."""
+    large = "cut it into shorter trials, or leave out rows"
     try:
         content = read_bytes(path, MOST_TABLE)
     except OSError as error:
         raise TrialError(f"{path}: not readable as text ({error.strerror or error})") from error
     except ValueError as error:
-        raise TrialError(f"{path}: {error}; cut it into shorter trials, or leave out rows") from error
+        raise TrialError(f"{path}: {error}; {large}") from error
     for encoding in _encodings(content):
-        try:
+        with suppress(UnicodeDecodeError, LookupError):
             text = content.decode(encoding).rstrip("\x1a")
-        except (UnicodeDecodeError, LookupError):
-            continue
-        if max(text.count("\n"), text.count("\r")) > MOST_ROWS:
-            raise TrialError(f"{path}: more than {MOST_ROWS} rows; cut it into shorter trials, or leave out rows")
-        if not _CONTROL.search(text):
-            return text
+            if max(text.count("\n"), text.count("\r")) > MOST_ROWS:
+                raise TrialError(f"{path}: more than {MOST_ROWS} rows; {large}")
+            if not _CONTROL.search(text):
+                return text
     raise TrialError(f"{path}: not readable as text; save the table as CSV in UTF-8")
 
 
@@ -223,12 +220,9 @@ def _records(lines: Sequence[str], separator: str) -> Iterator[Record]:
 
 
 def _fit(lines: Sequence[str], separator: str) -> tuple[tuple[int, bool, float], str, list[bool]]:
-    """How well a separator explains lines, more is better; the separator; which cells of a row by it are numbers."""
-    found = [
-        [not comment and _number(cell) is not None for cell in cells]
-        for _, cells, comment in _records(lines, separator)
-        if any(cells)
-    ]
+    """A measure of a separator's fit to lines, more is better; the separator; which cells of a row are numbers."""
+    records = [(cells, comment) for _, cells, comment in _records(lines, separator) if any(cells)]
+    found = [[not comment and _number(cell) is not None for cell in cells] for cells, comment in records]
     groups = groupby(found, lambda numeric: len(numeric) * (len(numeric) > 1 and any(numeric)))
     run = max((list(run) for width, run in groups if width), key=len, default=[])
     if not run:
@@ -239,7 +233,7 @@ def _fit(lines: Sequence[str], separator: str) -> tuple[tuple[int, bool, float],
 
 
 def _header(records: Sequence[Record], numeric: Sequence[bool]) -> tuple[int, list[list[str]]]:
-    """Which record is the first row of a table, whose cells are numbers where they are in others, and the header."""
+    """Number of a table's first row among records, whose cells are numbers where they are in others, and the header."""
     width = len(numeric)
 
     def alike(cells: list[str], *, comment: bool) -> bool:

@@ -1,4 +1,4 @@
-"""Where the times of a stream begin, how many rows it has per second, and how that is known."""
+"""Clocks of streams: the origin of their times, their rows per second, and how these are known."""
 
 from __future__ import annotations
 
@@ -63,15 +63,12 @@ def contradictions(trial: Trial) -> list[str]:
     Recordings of one session may begin and end at different times, so this is a suspicion.
     """
     end, film = float(trial.track.times[-1]), trial.timebases.get("track")
-    for kind, table in trial.signals.items():
-        if not trial.track.marker_count or len(table.times) < 2:
-            continue
-        last = float(table.times[-1])
-        if last <= 0 or np.diff(table.times).max() > _LOGGED * last or 1 / _APART < end / last < _APART:
-            continue
-        rate = (trial.fps if film is None else film.rate) * end / last
-        return [
-            f"the track lasts {end:.3g} s, its {kind} {last:.3g} s: {end / last:.3g} times as long; if both are of the "
-            f"same motion, the film's true rate (--fps) is about {rate:.3g}"
-        ]
+    for kind, table in trial.signals.items() if trial.track.marker_count else ():
+        last, gap = float(table.times[-1]), np.diff(table.times).max(initial=0.0)
+        if last > 0 < gap <= _LOGGED * last and not 1 / _APART < end / last < _APART:
+            rate = (trial.fps if film is None else film.rate) * end / last
+            return [
+                f"the track lasts {end:.3g} s, its {kind} {last:.3g} s: {end / last:.3g} times as long; if both are of "
+                f"the same motion, the film's true rate (--fps) is about {rate:.3g}"
+            ]
     return []

@@ -15,7 +15,7 @@ from markertrack.track import MarkerTrack
 from swim2real.trials.signals import MEMORY, Signals
 from swim2real.trials.timebase import TABLES, Timebase
 from swimbase.checking import Number, Positive, did_you_mean
-from swimbase.errors import TrialError
+from swimbase.errors import TrialError, about
 from swimbase.names import composed, file_name_fault, label_fault, quoted
 
 _SHORTEST, _LONGEST = 1e-6, 10.0  # s from one row to the next, on average
@@ -24,7 +24,7 @@ Share = Annotated[Number, Field(ge=-0.5, le=0.5)]
 
 @dataclass(frozen=True)
 class Actuation:
-    """What drives a trial: the motor turns at a constant speed.
+    """Drive of a trial: the motor turns at a constant speed.
 
     Attributes:
         frequency: Frequency of the motor [Hz].
@@ -49,7 +49,7 @@ class Actuation:
 
 @dataclass(frozen=True)
 class Perspective:
-    """What a camera above did to a track, where nothing corrected it when the film was tracked.
+    """Effect of a camera above on a track, where nothing corrected it when the film was tracked.
 
     A marker that stands nearer to the camera by a share of its distance is seen farther from the point below the camera
     by that share.
@@ -143,19 +143,16 @@ class Trial:
         Raises:
             TrialError: No camera can have done that to this track.
         """
-        try:
-            track = self.track if self.perspective is None else self.perspective.removed(self.track)
-        except TrialError as error:
-            raise TrialError(f"trial '{self.name}': {error}") from error
-        return replace(self, track=track, perspective=None)
+        if self.perspective is None:
+            return self
+        with about(f"trial '{self.name}'"):
+            return replace(self, track=self.perspective.removed(self.track), perspective=None)
 
     def cut(self, horizon: float | None) -> Trial:
         """The first `horizon` seconds of the track; all of it for None."""
         if horizon is None:
             return self
-        track = self.track
-        keep = track.times - track.times[0] <= horizon + 1e-9
-        return replace(self, track=MarkerTrack(track.times[keep], track.positions[keep], track.confidence[keep]))
+        return replace(self, track=self.track.frames(self.track.times - self.track.times[0] <= horizon + 1e-9))
 
     def within(self, span: Span) -> Trial:
         """The trial within a stretch of time, its times counted from its first frame.
@@ -170,23 +167,17 @@ class Trial:
             return self
         track = span.of_track(self.track, f"trial '{self.name}'")
         first, last = float(track.times[0]), float(track.times[-1])
-        later = first > float(self.track.times[0])
-        clocks = {
-            kind: clock if not first or clock.origin == TABLES
-            else replace(clock, origin=f"{clock.origin} plus {first:.10g} s")
-            for kind, clock in self.timebases.items()
-        }  # fmt: skip
-        return replace(
-            self,
-            track=MarkerTrack(track.times - first, track.positions, track.confidence),
-            provenance=", ".join(filter(None, (self.provenance, span.words))),
-            video_begin=self.video_begin + first,
-            controls=None if self.controls is None else self.controls.cut(first, last, before=MEMORY),
-            sensors=None if self.sensors is None else self.sensors.cut(first, last),
-            timebases=clocks,
-            start={} if later else self.start,
-            start_velocities={} if later else self.start_velocities,
-        )
+        clocks = dict(self.timebases)
+        for kind, clock in clocks.items() if first else ():
+            if clock.origin != TABLES:
+                clocks[kind] = replace(clock, origin=f"{clock.origin} plus {first:.10g} s")
+        trial = replace(self, start={}, start_velocities={}) if first > self.track.times[0] else self
+        before = {"controls": MEMORY, "sensors": None}
+        tables = {kind: table.cut(first, last, before=before[kind]) for kind, table in self.signals.items()}
+        shifted = MarkerTrack(track.times - first, track.positions, track.confidence)
+        words = ", ".join(filter(None, (self.provenance, span.words)))
+        begin = self.video_begin + first
+        return replace(trial, track=shifted, provenance=words, video_begin=begin, timebases=clocks, **tables)
 
 
 @dataclass(frozen=True)
@@ -216,7 +207,7 @@ class TrialSet:
             raise TrialError(f"{len(self.marker_names)} marker names for {count} markers")
         for name in self.marker_names:
             if fault := label_fault(name):
-                raise TrialError(f"marker name {quoted(name)} {fault}; give it another")
+                raise TrialError(f"marker name {quoted(name)} {fault}; give it another name")
 
     def __iter__(self) -> Iterator[Trial]:
         return iter(self.trials)
@@ -228,8 +219,8 @@ class TrialSet:
         for trial in self.trials:
             if composed(trial.name) == composed(name):
                 return trial
-        hint = did_you_mean(name, self.names)
-        raise TrialError(f"no trial is named '{name}'; there are {', '.join(self.names)}{hint}")
+        near = did_you_mean(name, self.names)
+        raise TrialError(f"no trial is named '{name}'; there are {', '.join(self.names)}{near}")
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -245,9 +236,7 @@ class TrialSet:
         if len(out) == len(self):
             raise TrialError(f"all {len(self)} trials are held out; leave at least one to fit")
         kept = TrialSet(tuple(t for t in self if t.name not in out), self.marker_names)
-        if not out:
-            return kept, None
-        return kept, TrialSet(tuple(t for t in self if t.name in out), self.marker_names)
+        return kept, TrialSet(tuple(t for t in self if t.name in out), self.marker_names) if out else None
 
 
 def check_trial_name(name: str) -> None:
@@ -256,8 +245,7 @@ def check_trial_name(name: str) -> None:
     Raises:
         TrialError: It can't be the name of a file on every system.
     """
-    fault = file_name_fault(name)
-    if fault is not None:
+    if fault := file_name_fault(name):
         raise TrialError(f"trial name {quoted(name)} can't be the name of a file: it {fault}; give it another")
 
 
@@ -271,15 +259,11 @@ def check_motion(trial: Trial, table: Path) -> Trial:
     if not _SHORTEST <= interval <= _LONGEST:  # what is simulated would have nothing to do with the table's size
         raise TrialError(
             f"{table}: {trial.track.frame_count} rows in {trial.track.duration:g} s, {interval:g} s from one to the "
-            f"next; allowed are {_SHORTEST:g} to {_LONGEST:g} s on average: check the "
-            f"time stamps, and say their unit, as in --time COLUMN:us or, of days, COLUMN:d"
+            f"next; allowed are {_SHORTEST:g} to {_LONGEST:g} s on average: check the time stamps, and say their unit, "
+            f"as in --time COLUMN:us or, of days, COLUMN:d"
         )
-    what = "marker moves"
-    if not trial.track.marker_count:
-        assert trial.sensors is not None  # whose time stamps the trial has
-        positions, what = trial.sensors.values, "reading changes"
-    highest = np.where(np.isnan(positions), -np.inf, positions).max(axis=0)
-    lowest = np.where(np.isnan(positions), np.inf, positions).min(axis=0)
-    if not np.any(highest > lowest):
+    shown = positions if trial.sensors is None or trial.track.marker_count else trial.sensors.values
+    if not np.any(np.fmax.reduce(shown) > np.fmin.reduce(shown)):
+        what = "marker moves" if shown is positions else "reading changes"
         raise TrialError(f"{table}: no {what}; is this the right file?")
     return trial

@@ -15,11 +15,10 @@ _SI = {
     "pressure": "Pa", "share": "1",
 }  # fmt: skip
 _OTHERS = {
-    "min": ("time", 60.0), "h": ("time", 3600.0), "d": ("time", 86400.0),
-    "rpm": ("angular velocity", math.tau / 60), "N·mm": ("torque", 1e-3),
-    "Nmm": ("torque", 1e-3), "g": ("acceleration", 9.80665), "mg": ("acceleration", 9.80665e-3),
-    "mbar": ("pressure", 1e2), "bar": ("pressure", 1e5), "%": ("share", 1e-2), "rev": ("angle", math.tau),
-    "rev/s": ("angular velocity", math.tau),
+    "min": ("time", 60.0), "h": ("time", 3600.0), "d": ("time", 86400.0), "rpm": ("angular velocity", math.tau / 60),
+    "N·mm": ("torque", 1e-3), "Nmm": ("torque", 1e-3), "g": ("acceleration", 9.80665),
+    "mg": ("acceleration", 9.80665e-3), "mbar": ("pressure", 1e2), "bar": ("pressure", 1e5), "%": ("share", 1e-2),
+    "rev": ("angle", math.tau), "rev/s": ("angular velocity", math.tau),
     **dict.fromkeys(("deg", "°"), ("angle", math.pi / 180)),
     **dict.fromkeys(("deg/s", "°/s", "dps"), ("angular velocity", math.pi / 180)),
 }  # fmt: skip
@@ -30,18 +29,16 @@ UNITS: dict[str, tuple[str, float]] = _OTHERS | {
     for prefix, scale in _PREFIXES.items()
     if scale <= (1e-3 if unit[0] in "sr" and prefix else 1e3)  # no kiloseconds
 }
-"""What the units that are known measure, and how many of the one of SI each is."""
+"""Quantities that the known units measure, and how many of the one of SI each is."""
 _NONE = ("", "-")  # of what has no unit, or isn't said to have one
 _ENDINGS = ("ms", "us", "ns", "deg", "dps", "rpm", "mm", "cm", "mN", "mNm", "mA", "mV")  # that mean nothing but a unit
 _BRACKETS = re.compile(r"[\[({]([^\[\](){}]+)[\])}]\s*$")
 _WORDS = {
     "s": "sec secs second seconds", "ms": "msec millisecond milliseconds", "us": "usec µs μs microsecond microseconds",
-    "ns": "nsec nanosecond nanoseconds", "min": "minute minutes", "h": "hour hours",
-    "d": "day days", "m": "meter meters metre metres",
+    "ns": "nsec nanosecond nanoseconds", "min": "minute minutes", "h": "hour hours", "d": "day days", "um": "μm",
     "mm": "millimeter millimeters millimetre millimetres", "cm": "centimeter centimeters centimetre centimetres",
-    "deg": "degs degree degrees º", "rad": "rads radian radians", "deg/s": "º/s deg/sec",
-    "N": "newton newtons", "V": "volt volts",
-    "A": "ampere amperes", "um": "μm",
+    "m": "meter meters metre metres", "deg": "degs degree degrees º", "rad": "rads radian radians",
+    "deg/s": "º/s deg/sec", "N": "newton newtons", "V": "volt volts", "A": "ampere amperes",
 }  # fmt: skip
 _SPELLED = {word: unit for unit, words in _WORDS.items() for word in words.split()}
 
@@ -54,7 +51,7 @@ def known_unit(text: str) -> str | None:
 
 
 def kind_of(unit: str) -> str:
-    """What a known unit measures; empty for any other text."""
+    """The quantity that a known unit measures; empty for any other text."""
     return UNITS.get(unit, ("",))[0]
 
 
@@ -77,7 +74,7 @@ def without_unit(header: str) -> str:
 
 
 def factor(unit: str, into: str = "") -> float:
-    """How many of one unit another one is, such as 0.001 of mm in m.
+    """Number of one unit that another one is, such as 0.001 of mm in m.
 
     Args:
         unit: Unit of a column.

@@ -187,7 +187,7 @@ def _ghosts(compared: ComparedTrial, robot: Robot, times: Array, markers: Array)
     real = compared.path_real[np.abs(since[:, None] - times).argmin(axis=0)]  # the frames that are nearest
     ghosts = markers.copy()  # as far from the camera as the simulated ones
     simulated = markers[:, :, robot.plane]
-    turn, shift = _rigid(real, simulated) if robot.trials.swims is not None else (np.eye(2), np.zeros(2))
+    turn, shift = _rigid(real, simulated) if robot.trials.steady else (np.eye(2), np.zeros(2))
     ghosts[:, :, robot.plane] = real @ turn + shift
     return ghosts
 

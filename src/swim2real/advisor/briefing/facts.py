@@ -278,7 +278,7 @@ class RoundFacts:
     @property
     def beats(self) -> bool:
         """Whether the robot's trials have a steady beat."""
-        return self.robot.trials.swims is not None
+        return self.robot.trials.steady
 
     @property
     def found(self) -> int:
