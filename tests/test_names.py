@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from swimbase.errors import Swim2RealError
 from swimbase.escaping import plain_markdown, visible
 from swimbase.names import LONGEST, composed, file_key, file_name_fault, label_fault, quoted
 from swimbase.store import write_text
@@ -104,3 +105,10 @@ def test_a_link_that_came_with_a_folder_isnt_written_through(tmp_path: Path) -> 
         assert not (folder / name).is_symlink()
         assert (folder / name).read_text() == "theirs"
     assert outside.read_text() == "mine"
+
+
+def test_a_sentence_cuts_off_what_a_file_makes_too_long():
+    assert (
+        str(Swim2RealError(f"robot '{'x' * 20_000}' is unknown; give another"))
+        == f"robot '{'x' * 399}… is unknown; give another"
+    )

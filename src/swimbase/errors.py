@@ -6,14 +6,20 @@ leaves with `exit_code`; only `--debug` shows a traceback.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Generator
 from contextlib import contextmanager
+
+_LONG = re.compile(r"(\S{400})\S{800,}")  # a text from a file, not a path
 
 
 class Swim2RealError(Exception):
     """Root of the tree: catch it to catch all that swim2real raises on purpose."""
 
     exit_code = 1
+
+    def __init__(self, message: object = "") -> None:
+        super().__init__(_LONG.sub(r"\1…", str(message)))
 
 
 class ArgumentError(Swim2RealError):
