@@ -134,20 +134,20 @@ def _scaled(run: ReportedRun) -> tuple[str, bool]:
     """
     sizes: list[tuple[float, float]] = []
     for trial in (one.compared for one in run.saved if not one.held_out and one.compared.divergence is None):
-        spread = sum((sensor.meters_per_unit * np.nanstd(sensor.real) for sensor in trial.sensors), np.float64(0))
+        spread = sum(sensor.meters_per_unit * float(np.nanstd(sensor.real)) for sensor in trial.sensors)
         if not run.robot.marker_names:
-            sizes.append((trial.loss, float(spread**2)))
+            sizes.append((trial.loss, spread))
             continue
         real = trial.real if trial.progress is None else trial.path_real
         seen = (trial.weights > 0) & np.isfinite(real).all(axis=2)
         count = np.maximum(seen.sum(axis=0), 1)[:, None]
         places = np.where(seen[:, :, None], real, 0.0)
         apart = np.where(seen[:, :, None], places - places.sum(axis=0) / count, 0.0)
-        moved = np.sqrt((apart**2).sum() / max(int(seen.sum()), 1))
+        moved = float(np.linalg.norm(apart)) / math.sqrt(max(int(seen.sum()), 1))
         off = sum(sensor.meters_per_unit * sensor.error for sensor in trial.sensors)
-        sizes.append((float(getattr(trial, trial.loss_figure)) + off, float((moved + spread) ** 2)))
-    error, square = np.mean(sizes, axis=0).tolist() if sizes else (0.0, 0.0)
-    size, noise = math.sqrt(square), run.of_best.noise
+        sizes.append((float(getattr(trial, trial.loss_figure)) + off, moved + spread))
+    error = float(np.mean([one for one, _ in sizes])) if sizes else 0.0
+    size, noise = math.hypot(*(one for _, one in sizes)) / math.sqrt(max(len(sizes), 1)), run.of_best.noise
     if not size:
         return "", False
     ends = ends_of(run.entries, run.outcome)
