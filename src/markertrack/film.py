@@ -33,7 +33,7 @@ AUTO = "auto"  # in place of a points file: the markers are found without a clic
 
 @dataclass(frozen=True)
 class HowToTrack:
-    """What a person decides of a film's tracking.
+    """Decisions of a person about a film's tracking.
 
     Attributes:
         tags: Dictionary of ArUco or AprilTag markers, as OpenCV names it; None for markers that are dots.
@@ -58,7 +58,7 @@ class HowToTrack:
 
 @dataclass(frozen=True)
 class TrackedFilm:
-    """What was found in a film.
+    """Results of tracking a film.
 
     Attributes:
         info: What the film is.

@@ -108,7 +108,7 @@ class TrackOverlay(_Overlay):
         self._due = -np.inf  # when the next frame is drawn [s]
 
     def wants(self, time: float, confidence: Array) -> bool:
-        """Whether the next frame is drawn; one that isn't is counted and needn't be added."""
+        """True if the next frame is drawn; one that isn't is counted and needn't be added."""
         drawn = time >= self._due or not np.all(confidence > 0)
         if drawn:
             self._due = time + (1 - _EARLY) / _RATE
@@ -351,7 +351,7 @@ class Inset:
         self.corner = self._best()
 
     def places(self, points: Array) -> Array:
-        """Where places of the picture are in the view [px]. Shape (..., 2)."""
+        """Maps places of the picture into the view [px]. Shape (..., 2)."""
         return (points + 0.5 - self._start()) * self.zoom - 0.5
 
     def cut(self, image: Bytes) -> Image:
@@ -387,7 +387,7 @@ class Inset:
 
 
 def label_places(places: Array, sizes: Sequence[tuple[int, int]], low: Array, high: Array) -> Array:
-    """Where labels stand: in rows at the long sides of a box, by turns, each as close to its marker as there is room.
+    """Places labels in rows at the long sides of a box, by turns, each as close to its marker as there is room.
 
     Args:
         places: Places of the markers, NaN where unknown [px]. Shape (M, 2).

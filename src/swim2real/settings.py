@@ -1,4 +1,4 @@
-"""What a person decides of a calibration, a comparison, tracking or training: the settings, checked when they are made.
+"""Settings that a person decides of a calibration, a comparison, tracking or training, checked when they are made.
 
 The command line is built from these classes: a field is an option, and the text below it is its help. So the module
 needs the standard library alone, and a number that stands for "all" can be written as 0.
@@ -49,7 +49,7 @@ EXAMPLE_MODELS = {
 
 @dataclass(frozen=True)
 class BriefingSettings:
-    """What a VLM, or a person in its place, gets.
+    """Contents of the briefing of a VLM, or of a person in its place.
 
     Attributes:
         show: Numbers, pictures or both; one alone is an ablation.
@@ -69,7 +69,7 @@ class BriefingSettings:
 
 @dataclass(frozen=True)
 class VlmAccess:
-    """How a VLM is reached and what it may cost. All of it may change when a run is resumed.
+    """Access to a VLM, and its cost. All of it may change when a run is resumed.
 
     Attributes:
         base_url: A server with the provider's protocol, such as vLLM, llama.cpp or Ollama (http://127.0.0.1:8000/v1).
@@ -102,13 +102,13 @@ class VlmAccess:
 
 
 def chooses_start(protocol: str) -> bool:
-    """Whether steady swims may begin at rest or at speed under a protocol."""
+    """True if steady swims may begin at rest or at speed under a protocol."""
     return protocol in ("motion", "aligned")
 
 
 @dataclass(frozen=True, kw_only=True)
 class EvaluationSettings:
-    """How parameters are compared with real trials.
+    """Comparison of parameters with real trials.
 
     Attributes:
         protocol: For steady swims. motion: the whole motion in the frame of the path, with the recoil of the head.
@@ -141,7 +141,7 @@ class EvaluationSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class CalibrationSettings(EvaluationSettings):
-    """What decides the result of a calibration.
+    """Settings that decide the result of a calibration.
 
     On resume `threads` and `minutes` may change, and the budget may be raised; without a budget, a run that had one is
     finished with multi-start from where it stands.
@@ -205,7 +205,7 @@ class CalibrationSettings(EvaluationSettings):
                     f"--finish"
                 )
         if self.finish and self.budget is None:
-            raise ArgumentError("finish goes on when a budget is spent, and there is none: leave it out, or give one")
+            raise ArgumentError("finish needs a budget, as it continues once that is spent: leave it out, or give one")
         _seed(self.seed)
         if self.starts is not None:
             _least("starts", self.starts, 1)
@@ -297,7 +297,7 @@ class ComparisonSettings:
 
 @dataclass(frozen=True)
 class TrackingSettings:
-    """How markers are tracked in videos.
+    """Settings of marker tracking in videos.
 
     Attributes:
         tracker: detection: finds all markers in every frame anew. aruco: ArUco and AprilTag markers, identified by
@@ -320,7 +320,7 @@ class TrackingSettings:
 
 @dataclass(frozen=True)
 class TrainingSettings:
-    """What decides a training; the defaults are the paper's.
+    """Settings that decide a training; the defaults are the paper's.
 
     The prior work learns once after every 200 transitions: 25,000 updates in 5 million steps. A shorter run makes about
     as many: it still learns after every 200 transitions, but `ceil(5 M / env_steps)` times, and at most 200 times: one
@@ -415,7 +415,7 @@ class TrainingSettings:
 
 @dataclass(frozen=True)
 class IdentifiabilitySettings:
-    """What decides the result of a study of identifiability.
+    """Settings that decide the result of a study of identifiability.
 
     Attributes:
         rounds: Rounds of 32 evaluations, after which the sets that fit are drawn again.
@@ -432,7 +432,7 @@ class IdentifiabilitySettings:
 
 @dataclass(frozen=True)
 class EnsembleSettings:
-    """What decides which parameter sets are in an ensemble.
+    """Settings that decide which parameter sets are in an ensemble.
 
     Attributes:
         within: Highest loss of a member, as a multiple of the lowest.
@@ -478,7 +478,7 @@ def check_advisor(name: str) -> None:
 
 
 def asks_a_vlm(name: str) -> bool:
-    """Whether the advisor of this name is briefed: a VLM, or a person in its place."""
+    """True if the advisor of this name is briefed: a VLM, or a person in its place."""
     return name != PHYSICS and replayed_run(name) is None
 
 

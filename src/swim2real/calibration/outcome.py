@@ -1,4 +1,4 @@
-"""What a run found, kept with it so that a report needs nothing else: figures, and the trials themselves."""
+"""Findings of a run, kept with it so that a report needs nothing else: figures, and the trials themselves."""
 
 from __future__ import annotations
 

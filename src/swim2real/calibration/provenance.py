@@ -1,4 +1,4 @@
-"""What a result needs to be told apart from another: versions, commit, and a fingerprint of the reference."""
+"""Provenance of a result, which distinguishes it from others: versions, commit, a fingerprint of the reference."""
 
 from __future__ import annotations
 

@@ -27,7 +27,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Sensitivity:
-    """What a step of one parameter does, all others fixed.
+    """Effect of a step of one parameter, all others fixed.
 
     Attributes:
         name: Name of the parameter.
@@ -82,7 +82,7 @@ def _speeds(comparison: Comparison) -> NDArray[np.float64]:
 
 
 class Slopes:
-    """How the residual changes about the best point, from the evaluations that a search has made there anyway."""
+    """Slopes of the residual about the best point, from the evaluations that a search has made there anyway."""
 
     def __init__(self, space: ParameterSpace) -> None:
         """Begins with none.

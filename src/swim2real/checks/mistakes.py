@@ -221,7 +221,7 @@ class _Judge:
         if robot.marker_names:
             yield from of_pixels(robot, trials, played)
             beside = [real.track.positions[0] - made.track.positions[0] for real, made in zip(cut, played, strict=True)]
-            if len(robot.marker_names) == 1:  # of several, poses tell
+            if len(robot.marker_names) == 1:  # of several, poses decide
                 yield from of_distances(robot)
             yield from of_places(robot, np.nan_to_num(np.nanmean(np.concatenate(beside), axis=0)))
         yield from of_commands(robot, trials)

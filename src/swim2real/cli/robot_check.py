@@ -1,4 +1,4 @@
-"""What `check` prints and draws of a robot."""
+"""Output of `check` for a robot: tables, sentences and a picture."""
 
 from __future__ import annotations
 
@@ -101,13 +101,13 @@ def _cell(shift: Shift) -> str:
 
 
 def _moved(robot: Robot, trials: tuple[str, ...] | None) -> None:
-    """How the robot was moved for these numbers."""
+    """Prints how the robot was moved for these numbers."""
     by = made_up_motion(robot) if trials is None else f"as in the trials of the reference ({', '.join(trials)})"
     say(f"Moved for {SECONDS:g} s {by}.")
 
 
 def _markers(robot: Robot) -> None:
-    """Where they are compared in the world, from its origin; else from the first one."""
+    """Prints the markers' places in the world, from its origin; else from the first one."""
     right, up = ("xyz"[axis] for axis in robot.plane)
     places, origin = robot.rest_markers, f"marker {robot.marker_names[0]}"
     if robot.trials.frame is None:
@@ -126,7 +126,7 @@ def _markers(robot: Robot) -> None:
 
 
 def _starts(robot: Robot, reference: TrialSet) -> None:
-    """How each recording starts, and what may be wrong with it."""
+    """Prints how each recording starts, and possible errors of the start."""
     rows: list[tuple[str, ...]] = []
     better = better_starts(robot, reference)
     for name, off in starts(robot, reference).items():
@@ -151,7 +151,7 @@ def _starts(robot: Robot, reference: TrialSet) -> None:
 
 
 def _doubts(robot: Robot, reference: TrialSet) -> list[str]:
-    """What a calibration would refuse, or say of trials."""
+    """Doubts about trials, and refusals that a calibration would give."""
     try:
         found = Problem(robot, reference).examinations()
     except TrialError as error:
@@ -194,7 +194,7 @@ def _signed(number: float) -> str:
 
 
 def _wrong(file: RobotFile, robot: Robot, one: Probe) -> Iterator[str]:
-    """What is wrong with a parameter."""
+    """Errors of a parameter."""
     refused = [why for why in (one.effect.lower, one.effect.upper, one.effect.undone) if why is not None]
     yield from refused
     if not refused and one.idle:
@@ -205,7 +205,7 @@ def _wrong(file: RobotFile, robot: Robot, one: Probe) -> Iterator[str]:
 
 
 def _notes(probes: list[Probe], markers: bool) -> Iterator[str]:
-    """What is worth knowing of the others."""
+    """Notes on the other parameters."""
     for one in probes:
         p = one.parameter
         for bound, refused, shift in ((p.lower, one.effect.lower, one.lower), (p.upper, one.effect.upper, one.upper)):

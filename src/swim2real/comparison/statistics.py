@@ -1,4 +1,4 @@
-"""How good each method is and how surely: spreads over seeds, differences with intervals, errors by trial and marker.
+"""Statistics of methods: spreads over seeds, differences with intervals, errors by trial and marker.
 
 A `Series` has one value for each seed, a `DataFrame` one row for each seed. Missing values are NaN, and pandas leaves
 them out of means.
@@ -36,7 +36,7 @@ _LEVEL = 0.95
 
 @dataclass(frozen=True)
 class ProtocolDescription:
-    """How one protocol is described.
+    """Description of one protocol.
 
     Attributes:
         loss: Name of the loss.
@@ -157,13 +157,13 @@ class Difference:
 
     @property
     def is_significant(self) -> bool:
-        """Whether zero lies outside the interval."""
+        """True if zero lies outside the interval."""
         return bool(self.low > 0 or self.high < 0)
 
 
 @dataclass(frozen=True)
 class _StepStatistics:
-    """What became of the proposals of a line search, over all seeds.
+    """Fates of the proposals of a line search, over all seeds.
 
     Attributes:
         rounds: Number of rounds that were decided: accepted or rejected.
@@ -249,11 +249,11 @@ def best_method(methods: Sequence[MethodStatistics], measure: Measure = "final")
 
 
 def differences(methods: Sequence[MethodStatistics], measure: Measure = "final") -> dict[str, Difference | None]:
-    """How much worse than the best method each one is, by method; None for the best itself and without common seeds.
+    """Differences to the best method, by method; None for the best itself and without common seeds.
 
     The interval is a percentile bootstrap over seeds. Seeds are drawn in pairs, since methods of a seed begin at the
     same point; all methods see the same draws. With few seeds such an interval is too narrow, and no better one is to
-    be had: 5 seeds can't tell how far their tails reach.
+    be had: 5 seeds don't show how far their tails reach.
     """
     if not methods:
         return {}
@@ -281,7 +281,7 @@ def bootstrap_interval(values: ArrayLike, seed: int = 0) -> tuple[float, float]:
 
 
 def evaluations_to_reach(method: MethodStatistics, errors: Sequence[float] = ERRORS) -> pd.DataFrame:
-    """How many evaluations each seed takes to get to or below an error [m], a column for each; NaN where it doesn't."""
+    """Evaluations of each seed to get to or below an error [m], a column for each; NaN where it doesn't."""
     below = method.curves[:, :, None] <= np.asarray(errors)
     first = np.where(below.any(axis=1), below.argmax(axis=1) + 1.0, np.nan)
     return pd.DataFrame(first, method.final.index, list(errors))

@@ -120,7 +120,7 @@ def paper_table(methods: Sequence[MethodStatistics]) -> Table:
 
 
 def _difference_table(methods: Sequence[MethodStatistics]) -> Table:
-    """How surely the best method is best."""
+    """Table of the differences to the best method, with intervals."""
     final, auc = differences(methods), differences(methods, "auc")
     columns = [
         ("Median (mm)", [mm_cell(method.final.median()) for method in methods]),
@@ -153,7 +153,7 @@ def _seed_table(methods: Sequence[MethodStatistics]) -> Table:
 
 
 def _reached_table(methods: Sequence[MethodStatistics]) -> Table:
-    """How many evaluations it takes to reach given errors."""
+    """Table of the evaluations needed to reach given errors."""
 
     def cell(evaluations: pd.Series[float]) -> Cell:
         median = float(evaluations.fillna(math.inf).median())  # a seed that doesn't get there takes forever

@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class SyntheticCamera:
-    """What stands between a swim and its track.
+    """Camera and its errors, between a swim and its track.
 
     Attributes:
         fps: Frames a second.

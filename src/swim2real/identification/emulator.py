@@ -1,4 +1,4 @@
-"""What a residual would be at points that weren't simulated: Gaussian processes of its principal components."""
+"""Residuals at points that weren't simulated: Gaussian processes of their principal components."""
 
 from __future__ import annotations
 

@@ -62,7 +62,7 @@ class _Point(BaseModel):
 
 
 class Interval(BaseModel):
-    """What the sets that fit say of a parameter, in its unit.
+    """Interval of a parameter over the sets that fit, in its unit.
 
     Attributes:
         median: Half of the sets have more.
@@ -153,7 +153,7 @@ class Study(BaseModel, extra="allow"):
         return self.model_dump(mode="json", exclude_unset=True)
 
     def difference(self, conditions: Mapping[str, object]) -> str:
-        """What the study was made with that is another now, with its values then and now; empty where nothing is."""
+        """Conditions of the study that are others now, with their values then and now; empty if none is."""
         content = self.model_dump(mode="json")
         for key, value in conditions.items():
             if content.get(key) != value:
@@ -164,7 +164,7 @@ class Study(BaseModel, extra="allow"):
 
 @dataclass(frozen=True)
 class StudyProgress:
-    """What a person wants to see while it goes on.
+    """Progress of a study.
 
     Attributes:
         evaluations: Number of evaluations so far.
@@ -204,7 +204,7 @@ def identify(
 
 
 def known_so_far(run: FinishedRun) -> tuple[float, dict[str, tuple[float, float]]]:
-    """What an interrupted study knows: its lowest loss [m], and values within which its error rises by less than 10 %.
+    """Findings of an interrupted study: its lowest loss [m], and values within which its error rises by less than 10 %.
 
     Raises:
         RunError: There is no study, or it can't be read.
@@ -441,7 +441,7 @@ def directions(draws: Array, names: Sequence[str]) -> list[Direction]:
 
 
 def outdated(run: FinishedRun) -> bool:
-    """Whether there is a study of the run from before it went on to a lower loss.
+    """True if there is a study of the run from before it went on to a lower loss.
 
     Raises:
         RunError: The study is damaged.

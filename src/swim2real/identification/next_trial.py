@@ -1,7 +1,7 @@
 """Which trial to film next: the one that is expected to leave the least of the region of the sets that fit.
 
 For each possible trial the set that fits best stands in for the robot: what it does is simulated, and other sets of the
-study are compared with that. How their residuals differ says which of them the trial would tell apart. A residual's
+study are compared with that. How their residuals differ says which of them the trial would distinguish. A residual's
 weight is the study's, so model error counts as noise here as well. All is taken as linear in the sets (ensemble Kalman
 update: Evensen, Ocean Dynamics 53, 343 (2003)); what of the residuals isn't linear in the parameters counts as noise.
 """
@@ -139,7 +139,7 @@ def simulated_trial(problem: Problem, possible: PossibleTrial, values: dict[str,
 
 
 def expected_reduction(points: Array, residuals: Array, weight: float) -> tuple[float, Array]:
-    """What a trial is expected to leave of the region of sets.
+    """Share of the region of sets that a trial is expected to leave.
 
     With the anomalies A of the points and R of the residuals, centered and divided by the root of m - 1, the covariance
     C = A Aᵀ becomes A (1 + w Rᵀ R)⁻¹ Aᵀ.
@@ -205,7 +205,7 @@ def _judged(
     run: FinishedRun, possible: PossibleTrial, problem: Problem, points: Sequence[Array], weight: float,
     pause: Callable[[], None],
 ) -> JudgedTrial:  # fmt: skip
-    """What sets would leave in a trial, and what it would therefore tell."""
+    """Judges a trial by the sets that it would leave."""
     done: list[EvaluatedPoint] = []
     for first in range(0, len(points), _BATCH):
         done += evaluated(problem, run.space, points[first : first + _BATCH])

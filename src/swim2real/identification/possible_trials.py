@@ -1,4 +1,4 @@
-"""Trials that a robot could be filmed in: what its actuators are told, as `deploy` sends it and as it is simulated.
+"""Trials that a robot could be filmed in: the commands of its actuators, as `deploy` sends it and as it is simulated.
 
 They ask for no more than the filmed ones did, or than the robot file allows a policy.
 """
@@ -97,7 +97,7 @@ def _frequency(prepared: Any) -> float:
 
 
 def _columns(robot: Robot, trial: Trial, frequency: float) -> dict[str, Array]:
-    """What a trial's actuators are told at 50 Hz."""
+    """Commands of a trial's actuators at 50 Hz."""
     since = np.arange(max(1, round(trial.track.duration * RATE))) / RATE
     return {
         name: drive.commands(since, frequency)
@@ -108,7 +108,7 @@ def _columns(robot: Robot, trial: Trial, frequency: float) -> dict[str, Array]:
 
 
 def _allowed(robot: Robot, columns: Mapping[str, Array], filmed: Sequence[Mapping[str, Array]]) -> bool:
-    """Whether no command is beyond both the robot file's limits of a policy and what was filmed."""
+    """True if no command is beyond both the robot file's limits of a policy and what was filmed."""
     limits: Mapping[str, CommandLimits] = {} if robot.policy is None else robot.policy.actuators
     for name, limit in limits.items():
         if name not in columns:

@@ -32,7 +32,7 @@ _UNIFORM = 1 / 12  # variance of a parameter that nothing determines
 
 @dataclass(frozen=True)
 class Posterior:
-    """What fits.
+    """Sample of the parameter sets that fit.
 
     Attributes:
         draws: Points of the unit cube, as likely as they fit. Shape (K, d).
@@ -100,7 +100,7 @@ def _lowest(evaluated: Sequence[EvaluatedPoint]) -> EvaluatedPoint:
 
 
 def _determined(draws: Array) -> float:
-    """How many directions are narrower than nothing would leave them, each by its share."""
+    """Number of directions that are narrower than without data, each by its share."""
     variances = np.linalg.eigvalsh(np.atleast_2d(np.cov(draws.T)))
     return float(np.sum(1 - np.clip(variances / _UNIFORM, 0.0, 1.0)))
 

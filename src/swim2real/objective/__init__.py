@@ -1,4 +1,4 @@
-"""How far simulated trials are from real ones. Arrays only: knows no simulator and no optimizer."""
+"""Distance of simulated trials from real ones. Arrays only: knows no simulator and no optimizer."""
 
 from swim2real.objective.alignment import Alignment, align
 from swim2real.objective.comparison import Comparison, evidence, rounded

@@ -41,7 +41,7 @@ _GRID = 60
 
 @dataclass(frozen=True)
 class TailMotion:
-    """What the theory needs of a swim.
+    """Motion of a tail, as the theory needs it.
 
     Attributes:
         name: Name of the trial.

@@ -121,7 +121,7 @@ def compare_playback(target: Target, simulated: Trial) -> ComparedTrial:
 def _compared(
     target: Target, loss_figure: LossFigure, simulated: Array, path: Array, progress: Array | None, velocity: float
 ) -> ComparedTrial:
-    """What every compared trial has, and the way that it has come where that is scored."""
+    """Builds the parts of every compared trial, and the way that it has come if that is scored."""
     way = None
     if target.progress is not None and target.velocity is not None and progress is not None:
         way = ComparedProgress(target.progress, progress, target.velocity, velocity)

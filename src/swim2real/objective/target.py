@@ -92,7 +92,7 @@ def steady_target(
         whole_motion: Whether the motion of the head about its path is compared as well.
 
     Raises:
-        TrialError: The head's path can't be told from its motion about it.
+        TrialError: The head's path can't be distinguished from its motion about it.
     """
     track = trial.track
     times, body = track.times - track.times[0], track.body

@@ -60,7 +60,7 @@ class ComparedSensor:
 
 @dataclass(frozen=True)
 class ComparedBeat:
-    """What only steady swims have.
+    """Data that only steady swims have.
 
     Attributes:
         frequency: Frequency of the simulated motor [Hz].
@@ -175,7 +175,7 @@ class ComparedTrial:
 
     @cached_property
     def residual(self) -> Array:
-        """The shape residual and, along x, how much farther the simulation hasn't come [m]. Shape (T, M, 2)."""
+        """Shape residual plus the lag in progress along x [m]. Shape (T, M, 2)."""
         if self.progress is None:
             return self.shape_residual
         behind = self.progress.real - self.progress.simulated  # a robot moves toward -x of its frame
@@ -194,7 +194,7 @@ class ComparedTrial:
 
     @cached_property
     def recoil_residual(self) -> Array:
-        """What the difference in yaw and sway alone moves the real markers by [m]; NaN without a path. (T, M, 2)."""
+        """Real markers moved by the difference in yaw and sway alone [m]; NaN without a path. (T, M, 2)."""
         if self.head is None or self.head.simulated is None:
             return np.full_like(self.real, np.nan)
         swayed = replace(self.head.simulated, progress=self.head.real.progress)
@@ -202,7 +202,7 @@ class ComparedTrial:
 
     @property
     def tail_first(self) -> bool:
-        """Whether a trial whose whole motion is compared is simulated tail first."""
+        """True if a trial whose whole motion is compared is simulated tail first."""
         return self._backward > 0
 
     @property
@@ -214,7 +214,7 @@ class ComparedTrial:
 
     @property
     def loss(self) -> float:
-        """What the trial adds to the loss before the mean over trials [m]; never negative.
+        """Part of the trial in the loss, before the mean over trials [m]; never negative.
 
         Where the whole motion is compared, the mean way that the simulation goes tail first is added once more.
         """
@@ -417,7 +417,7 @@ class ComparedTrial:
         return {**figures, "loss": self.loss, "divergence": self.divergence}
 
     def evidence(self) -> dict[str, object]:
-        """What tells more than the figures: errors of each marker, and how real and simulated markers move.
+        """Evidence beyond the figures: errors of each marker, and motion of real and simulated markers.
 
         `seen_shares` are each marker's shares of frames that count.
         A trial with a beat has `beat_real` and `beat_simulated`, as `beat` gives them, and `path_beat_real` and

@@ -92,7 +92,7 @@ class Optimizer(ABC):
     """Proposes points of the unit cube and learns from their losses.
 
     Attributes:
-        needs_residual: Whether it must be told residuals. They aren't on record, so a resumed run simulates again.
+        needs_residual: Whether tell() needs residuals; they aren't recorded, so resuming simulates again.
         done: Whether it expects to find nothing better; evaluations alone decide it, never time.
     """
 
@@ -107,7 +107,7 @@ class Optimizer(ABC):
         """The next candidate.
 
         Raises:
-            OptimizerError: The last candidate hasn't been told yet.
+            OptimizerError: The last candidate's evaluation is missing.
         """
         if self._pending is not None:
             raise OptimizerError("ask() was called twice; tell() the evaluation of the last candidate first")

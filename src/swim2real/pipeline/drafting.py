@@ -126,7 +126,7 @@ def _check_names(spec: mujoco.MjSpec, path: Path) -> None:
 
 
 def _first(path: Path, spec: mujoco.MjSpec, model: mujoco.MjModel) -> Draft:
-    """What the model alone tells."""
+    """Draft from the model alone."""
     sites = [site.name for site in spec.sites if site.name]
     if not sites and not spec.sensors:
         bodies = ", ".join(body.name for body in spec.bodies if body.name not in ("", "world")) or "none with a name"

@@ -196,7 +196,7 @@ def in_world(compared: ComparedTrial, real: Array) -> Array:
 
 
 def _behind(compared: ComparedTrial) -> Array:
-    """How far the simulated robot lies behind the real one, along the frame's x [m]. Shape (T, 1, 2)."""
+    """Lag of the simulated robot behind the real one, along the frame's x [m]. Shape (T, 1, 2)."""
     behind = np.zeros_like(compared.times)
     if compared.progress is not None:
         behind = np.nan_to_num(compared.progress.real - compared.progress.simulated)

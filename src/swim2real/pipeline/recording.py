@@ -43,7 +43,7 @@ class Wanted:
     def of(
         cls, robot: Robot, time: Sequence[str], controls: Sequence[str], sensors: Sequence[str], markers: Sequence[str]
     ) -> Wanted:
-        """What options say, each as NAME=COLUMN.
+        """Reads options, each given as NAME=COLUMN.
 
         Raises:
             ArgumentError: The robot has no actuator that takes a table, no such sensor or no such marker.

@@ -125,7 +125,7 @@ class TrialPictures:
         return _stacked([draw_heading(title, _note(view, panel), sheet.width), sheet, self._foot(samples, sheet.width)])
 
     def sheet_note(self, moments: int) -> str:
-        """What is where in that picture."""
+        """Description of that picture's parts."""
         view, (factor, _) = self._view, self._enlarged()
         count = (moments + 1) // 2 if factor > 1 else moments
         shown = "from start to end" if view.frequency is None else "of one beat"

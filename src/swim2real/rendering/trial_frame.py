@@ -76,7 +76,7 @@ class Panel:
         return float(np.clip(self.width / 600, 0.5, 2.0))
 
     def places(self, points: Array) -> Array:
-        """Where points of the plane are in the picture [px]. Shape (..., 2)."""
+        """Maps points of the plane into the picture [px]. Shape (..., 2)."""
         return np.stack([points[..., 0] - self.box.left, self.box.top - points[..., 1]], axis=-1) * self.scale - 0.5
 
     def empty(self) -> Image:
@@ -296,7 +296,7 @@ class ErrorChart:
 
 
 def swing_chart(swing: Swing, times: Array, top: float, width: int, size: float) -> Image:
-    """How the head swings over time, real and simulated, left or counterclockwise up.
+    """Chart of the head's swing over time, real and simulated, left or counterclockwise up.
 
     Args:
         swing: What swings.

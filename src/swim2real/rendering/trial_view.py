@@ -123,7 +123,7 @@ class TrialView:
 
     @property
     def diverged(self) -> bool:
-        """Whether there is nothing of the simulation."""
+        """True if there is nothing of the simulation."""
         return not np.isfinite(self.simulated).all(axis=2).any()
 
     @property
@@ -133,7 +133,7 @@ class TrialView:
 
     @property
     def about(self) -> str:
-        """What stands beside the name: the frequency of the beat, where there is one."""
+        """Words beside the name: the frequency of the beat, if there is one."""
         return "" if self.frequency is None else f"{self.frequency:.2f} Hz"
 
     @property
@@ -283,7 +283,7 @@ def leads(path: Array) -> Array:
 
 @dataclass(frozen=True)
 class Limits:
-    """What pictures of several trials show, so that sizes can be compared from picture to picture.
+    """Limits that pictures of several trials share, so that sizes can be compared from picture to picture.
 
     Attributes:
         plane: Part of the frame of comparison.

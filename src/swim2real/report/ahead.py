@@ -1,4 +1,4 @@
-"""Steady swims as they are seen from ahead, where the hull rolls: from above a roll can't be told from a sway."""
+"""Front views of steady swims with a rolling hull; a top view can't distinguish roll from sway."""
 
 from __future__ import annotations
 

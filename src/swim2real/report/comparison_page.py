@@ -31,7 +31,7 @@ COMPARISON = "comparison.html"
 
 @dataclass(frozen=True)
 class _Board:
-    """What the page shows of one protocol.
+    """Tables and charts of one protocol.
 
     Attributes:
         protocol: `aligned`, `paper` or `playback`.
@@ -135,7 +135,7 @@ def verdict(methods: tuple[MethodStatistics, ...]) -> tuple[str, ...]:
         name, gap = min(gaps, key=lambda pair: pair[1].mean)
         then = f"Next is {name}, {_mm(gap.mean)} above"
         if len(gap.seeds) < 2:
-            said.append(f"{then}; one seed can't tell how surely.")
+            said.append(f"{then}; one seed doesn't show how surely.")
         else:
             sure = "which leaves out zero" if gap.is_significant else "which holds zero, so it may be chance"
             said.append(f"{then} (95 % interval {_mm(gap.low)} to {_mm(gap.high)}, {len(gap.seeds)} seeds), {sure}.")

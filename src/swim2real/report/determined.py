@@ -1,4 +1,4 @@
-"""What the trials determine, on the page of a run that `identify` studied: intervals, combinations, pairs."""
+"""Identifiability on the page of a run that `identify` studied: intervals, combinations, pairs."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _CORRELATED = 0.6  # of a pair that is drawn
 
 @dataclass(frozen=True)
 class Determined:
-    """What a study found, for the page.
+    """Findings of a study, for the page.
 
     Attributes:
         evaluations: That it took.

@@ -38,7 +38,7 @@ _DROPPED = re.compile(
 
 @dataclass(frozen=True)
 class PageContext:
-    """What a template shows; each page has a class of its own.
+    """Content of a template; each page has a class of its own.
 
     Attributes:
         title: Title of the page.

@@ -152,7 +152,7 @@ def speeds(run: ReportedRun) -> Figure:
 
 
 def trial_charts(trials: Sequence[ComparedTrial], run: ReportedRun) -> Charts:
-    """What draws the charts of each trial, of what it has; their names begin with what they show."""
+    """Charts that each trial has the data for, as functions that draw them; names begin with what they show."""
     names, units = run.marker_names, {sensor.name: sensor.unit for sensor in run.robot.trials.sensors}
     ranges = common_ranges(trials)
     charts: Charts = {}
@@ -281,7 +281,7 @@ def _tail_tip(trial: ComparedTrial, markers: Sequence[str], ranges: tuple[Range,
 
 
 def _errors_over_time(trial: ComparedTrial, markers: Sequence[str]) -> Figure:
-    """How far each marker is off over time, and their mean."""
+    """Error of each marker over time, and their mean."""
     figure, axes = new_chart(_RIGHT, 2.0, "time (s)", "error (mm)")
     lengths = np.where(trial.weights > 0, np.linalg.norm(trial.residual, axis=2), np.nan)
     known = np.isfinite(lengths)
@@ -295,7 +295,7 @@ def _errors_over_time(trial: ComparedTrial, markers: Sequence[str]) -> Figure:
 
 
 def _progress_over_time(times: Array, progress: ComparedProgress) -> Figure:
-    """How far it has come along the line of travel, over time."""
+    """Distance come along the line of travel, over time."""
     figure, axes = new_chart(_RIGHT, 2.0, "time (s)", "progress (mm)")
     thin = _thinned(times)
     for kind, way in (("simulated", progress.simulated), ("real", progress.real)):
@@ -313,7 +313,7 @@ def _sensor_readings(sensor: ComparedSensor, unit: str) -> Figure:
 
 
 def _axis_titles(trial: ComparedTrial, robot: Robot) -> tuple[str, str]:
-    """What the frame of comparison is, in words."""
+    """Axes of the frame of comparison, in words."""
     if trial.frequency is not None:
         return "along the body, head to tail (mm)", "sideways (mm)"
     if trial.frame is None:

@@ -43,7 +43,7 @@ class Linear:
 
 
 class _AboutPolicy(BaseModel):
-    """What a policy is for.
+    """Purpose of a policy.
 
     Attributes:
         observation: Where in an observation each part of it is: first place, and the one after the last.

@@ -108,7 +108,7 @@ class WaveScan:
 
 @dataclass(frozen=True)
 class LoopResult:
-    """How a policy swims in one kind of loop.
+    """Results of a policy in one kind of loop.
 
     Attributes:
         statistics: Figures of the episodes.
@@ -125,7 +125,7 @@ class LoopResult:
 
 @dataclass(frozen=True)
 class Assessment:
-    """How well a policy does.
+    """Results of a policy in all loops.
 
     Attributes:
         task: Task of the policy.
@@ -249,7 +249,7 @@ def scan_waves(
     waves: Sequence[Wave], task: str, parameters: Values, robot: Robot, phases: Sequence[float], seconds: float, *,
     disturbances: Disturbances = UNDISTURBED, threads: int = 1,
 ) -> WaveScan:  # fmt: skip
-    """What waves reach in a task, within the actuators' limits and rates.
+    """Scans what waves reach in a task, within the actuators' limits and rates.
 
     Args:
         waves: Waves to try.

@@ -1,4 +1,4 @@
-"""What a table of a policy's commands is expected to do: the commands again, with every parameter set."""
+"""Expected motion under a table of a policy's commands: the commands again, with every parameter set."""
 
 from __future__ import annotations
 

@@ -125,7 +125,7 @@ class StateEstimator:
 
 
 class _Look:
-    """Where a camera sees the markers and the floating body of one parameter set in a pose, as from the start."""
+    """View of the markers and the floating body of one parameter set in a pose, as from the start."""
 
     def __init__(self, model: mujoco.MjModel, bodies: Bodies) -> None:
         self._model, self._data, self._bodies = model, mujoco.MjData(model), bodies

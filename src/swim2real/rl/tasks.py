@@ -1,4 +1,4 @@
-"""What a policy is to do: go forward, go to a goal with a curriculum of farther goals, or a task of one's own."""
+"""Tasks of policies: go forward, go to a goal with a curriculum of farther goals, or a task of one's own."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ class Task(Protocol):
         ...
 
     def observe(self, state: RobotState) -> Array:
-        """What the task adds to the observation of a state, which may be an estimate. Shape (N, sum of lengths)."""
+        """Part of the observation that the task adds, from a state or an estimate of it. Shape (N, sum of lengths)."""
         ...
 
     def score(self, state: RobotState, actions: Array) -> tuple[Array, Flags]:
@@ -249,8 +249,7 @@ TASKS: Mapping[str, type[Any]] = {"forward": Forward, "target": ReachGoal, "pape
 def find_task(name: str) -> type[Any]:
     """The class of a task: a built-in one, one of an installed package, or one of a Python file.
 
-    Who gives a name here allows the code that it names, which is remembered; a name that was read from a file is asked
-    for before (`check_allowed`).
+    Passing a name permits its code to run, which is remembered; names read from files go through `check_allowed` first.
 
     Args:
         name: `forward`, `target`, `paper-target`, the name of an entry point in the group `swim2real.tasks`, or
@@ -367,7 +366,7 @@ class Curriculum:
         return True
 
     def state(self) -> tuple[int, list[bool]] | None:
-        """What a resumed run needs."""
+        """State that a resumed run needs."""
         return None if self.stage is None else (self.stage, list(self._recent))
 
     def restore(self, state: tuple[int, list[bool]] | None) -> None:

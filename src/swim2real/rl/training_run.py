@@ -41,7 +41,7 @@ _WRITTEN = (SETTINGS, OUTCOME, EPISODES, EVALUATIONS, PROGRESS, LAST, BEST, "che
 
 
 class RecordedSettings(BaseModel):
-    """What settings.json says of a run that others need; the file says more.
+    """Settings in settings.json that others need; the file says more.
 
     Attributes:
         kind: Kind of run.
@@ -70,7 +70,7 @@ class RecordedSettings(BaseModel):
 
 @dataclass
 class TrainingSeconds:
-    """Where the time of a training went [s].
+    """Seconds that the parts of a training took [s].
 
     Attributes:
         total: All of it.
@@ -87,7 +87,7 @@ class TrainingSeconds:
 
 @dataclass(frozen=True)
 class TrainingOutcome:
-    """What became of a training.
+    """Outcome of a training.
 
     Attributes:
         complete: Whether all steps were made.
@@ -196,7 +196,7 @@ class TrainingRun:
 
     @property
     def outcome(self) -> TrainingOutcome | None:
-        """What became of the training; None while it runs for the first time."""
+        """Outcome of the training; None while it runs for the first time."""
         path = self.folder / OUTCOME
         return read(TrainingOutcome, path, "training outcome", RunError) if path.is_file() else None
 
@@ -263,7 +263,7 @@ def check_same_settings(folder: Path, content: Mapping[str, Any]) -> None:
 
 
 class _Line(BaseModel, extra="allow"):
-    """What charts take from a line of a record; the line says more."""
+    """Columns of a record that charts need; its lines say more."""
 
     step: int
     episode_return: Number | None = None

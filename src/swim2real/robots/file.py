@@ -185,7 +185,7 @@ def open_robot_file(
 
 
 def _for_markers(content: Mapping[str, Any]) -> dict[str, object]:
-    """What a file says, without what only calibrations and policies take."""
+    """Content of a file without what only calibrations and policies take."""
     kept = {key: value for key, value in content.items() if key != "policy"}
     if isinstance(kept.get("swims"), Mapping):
         kept["swims"] = {key: value for key, value in kept["swims"].items() if key not in ("response", "fit_plan")}
@@ -311,7 +311,7 @@ def _base(table: RobotTable, folder: Path, where: str, allow_outside: bool, alon
 
 
 def _call(hook: str, folder: Path, where: str) -> Any:
-    """What a function returns that a robot file names. Whether it may run has been asked by then."""
+    """Calls a function that a robot file names. Permission to run it has been asked by then."""
     code = NamedCode.parse(hook, folder)
     if code is None:
         raise RobotError(f"{where} is '{hook}'; it must be {FORMS}")
@@ -328,7 +328,7 @@ def _call(hook: str, folder: Path, where: str) -> Any:
 
 
 def _request(content: Mapping[str, Any], table: RobotTable, folder: Path, where: str) -> consent.Request | None:
-    """What the Python code needs that a file names. It is remembered by all that the file says, and by the code."""
+    """Request to run the Python code that a file names. It is remembered by all that the file says, and by the code."""
     swims = table.swims
     hooks = [table.model, *(() if swims is None else (swims.response, swims.fit_plan))]
     codes = [code for hook in hooks if hook and (code := NamedCode.parse(hook, folder)) is not None]
@@ -514,7 +514,7 @@ def _calibrated(
 
 
 def _delays(table: ParameterTable, signals: Mapping[str, Sequence[str]] | None) -> Iterator[Delay]:
-    """What a parameter delays of recordings, whose controls and sensors are given by kind; None for swims."""
+    """Delays that a parameter sets of recordings, whose controls and sensors are given by kind; None for swims."""
     for to in table.targets:
         delay = Delay.parse(to.to, to.factor, to.offset)
         if delay is None:

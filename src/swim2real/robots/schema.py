@@ -1,4 +1,4 @@
-"""What a robot file may say: its tables as pydantic models. The keys are explained in docs/robot-file.md.
+"""Schema of a robot file: its tables as pydantic models. The keys are explained in docs/robot-file.md.
 
 ```
 format = 1
@@ -179,7 +179,7 @@ class SwimsTable(_Table):
 
 
 class CommandTable(_Table):
-    """How a policy commands an actuator."""
+    """Commands of a policy to an actuator."""
 
     lower: float
     upper: float
@@ -273,7 +273,7 @@ class RobotTable(_Table):
 
 
 def read_content(path: Path, extended_by: tuple[Path, ...] = ()) -> dict[str, Any]:
-    """What a robot file says and takes over from others, whose places are given from this file; not yet checked.
+    """Reads a robot file and those that it includes, with their places as seen from this file; not yet checked.
 
     Raises:
         RobotError: It or one of them can't be read, they go round in circles, or the format is another version's.
@@ -330,7 +330,7 @@ def _read_toml(path: Path) -> dict[str, Any]:
 
 
 def _moved(content: Mapping[str, Any], folder: Path) -> dict[str, Any]:
-    """What a file says, with the places that it names seen from another folder."""
+    """Content of a file, with the places that it names seen from another folder."""
 
     def moved(value: Any) -> Any:
         file = hook_file(value)

@@ -1,4 +1,4 @@
-"""What a parameter sets: numbers of MJCF elements, named in a line such as `geom "fin" fluidcoef[2]`, and delays.
+"""Targets of parameters: numbers of MJCF elements, named in a line such as `geom "fin" fluidcoef[2]`, and delays.
 
     option density                  of the model as a whole
     joint "hip" damping             of one element
@@ -182,7 +182,7 @@ class Target:
     relative: bool = False
 
     def __str__(self) -> str:
-        """What is set to what, x being the value."""
+        """Assignment in words, x being the value."""
         times = "x" if self.factor == 1 else f"{self.factor:g} x"
         number = times + (f" {self.offset:+g}".replace("+", "+ ").replace("-", "- ") if self.offset else "")
         if self.relative:
@@ -241,7 +241,7 @@ _DELAY = re.compile(r'\s*(?P<kind>control|sensor|trial)\s+(?P<names>"[^"]*"(?:\s
 
 @dataclass(frozen=True)
 class Delay:
-    """What a parameter delays.
+    """Delays that a parameter sets.
 
     Attributes:
         line: The line of the robot file.
@@ -297,7 +297,7 @@ class Delay:
                 raise RobotError(f"'{self.line}': recordings have no {self.kind} '{name}'; there are {there}")
 
     def of(self, kind: _Kind, name: str) -> bool:
-        """Whether it delays something."""
+        """True if it delays something."""
         return kind == self.kind and any(_matches(name, pattern) for pattern in self.names)
 
 

@@ -11,7 +11,7 @@ from xml.etree import ElementTree
 from swimbase.errors import RobotError
 
 _NAME = re.compile(r"(?:package|model)://([^/]+)/(.+)|file://(.+)")
-_KEEPS = ("fusestatic", "discardvisual")  # what MuJoCo leaves out of a URDF unless told otherwise
+_KEEPS = ("fusestatic", "discardvisual")  # what MuJoCo leaves out of a URDF unless set otherwise
 _ABOVE = 3  # folders above the file in which packages are looked for
 
 

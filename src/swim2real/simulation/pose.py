@@ -44,7 +44,7 @@ class MarkerView:
         self._objects = [(int(model.sensor_objtype[i]), int(model.sensor_objid[i])) for i in last]
 
     def at(self, qpos: Array) -> _View:
-        """What is seen in a pose. Shape (nq,)."""
+        """Sees the markers in a pose. Shape (nq,)."""
         model, data = self._model, self._data
         data.qpos[:] = qpos
         mujoco.mj_fwdPosition(model, data)
@@ -189,7 +189,7 @@ class PoseFit:
         return best
 
     def _problem(self, qpos: Array, view: _View, wanted: Array, known: Mask, pull: float) -> tuple[Array, Array]:
-        """What is to vanish, and its slopes: misses of markers, gaps of constraints, the way from the model's pose."""
+        """Residual, and its slopes: misses of markers, gaps of constraints, the way from the model's pose."""
         away = np.zeros(self._model.nv)
         mujoco.mj_differentiatePos(self._model, away, 1.0, self._model.qpos0, qpos)
         missed = (view.markers - wanted)[known].ravel()

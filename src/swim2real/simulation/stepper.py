@@ -86,7 +86,7 @@ def roll_each(model: mujoco.MjModel, starts: Array, controls: Array) -> list[Arr
 
 @dataclass(frozen=True)
 class Chunk:
-    """What a stretch of simulation gave.
+    """Results of a stretch of simulation.
 
     Where the simulation failed, the fast step ends the arrays and the engine repeats its last state.
 
@@ -145,7 +145,7 @@ class Stepper:
 
     @property
     def state(self) -> Array:
-        """Where the last chunk ended, as `physics_state` has it."""
+        """State at the end of the last chunk, as `physics_state` has it."""
         return physics_state(self._model, self._data)
 
     def push(self, velocity: Array) -> None:

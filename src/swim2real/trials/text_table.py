@@ -196,7 +196,7 @@ def _read_text(path: Path) -> str:
 def _encodings(content: bytes) -> Iterator[str]:
     """Encodings that a text may be in, the likeliest first.
 
-    Signs of Western Europe, such as ° and ü, stand alone among others: they tell charset-normalizer too little.
+    Signs of Western Europe, such as ° and ü, stand alone among others: they are too few for charset-normalizer.
     """
     if b"\0" not in content:
         yield "utf-8-sig"

@@ -1,4 +1,4 @@
-"""What is looked at: a simulated motion of a furnished model, its markers, and the real ones beside them."""
+"""Motion to look at: a simulated motion of a furnished model, its markers, and the real ones beside them."""
 
 from __future__ import annotations
 
@@ -143,7 +143,7 @@ def shown_model(path: Path, frequency: float, seconds: float) -> Motion:
 
 
 def _turns(model: mujoco.MjModel, actuator: int) -> bool:
-    """Whether an actuator without a range holds a speed."""
+    """True if an actuator without a range holds a speed."""
     servo = model.actuator(actuator)
     return bool(servo.biasprm[2] < 0 and servo.biasprm[1] == 0 and not servo.ctrllimited[0])
 

@@ -28,7 +28,7 @@ Array = NDArray[np.float64]
 
 
 class Lens:
-    """Where a camera of a model sees points."""
+    """Projection of points by a camera of a model."""
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, camera: str, size: tuple[int, int]) -> None:
         """Takes a camera, of which the data tell the place at any time.

@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 
 
 class _Player:
-    """Where a motion is, and what the keys do to it."""
+    """Place in a motion, and the keys that change it."""
 
     def __init__(self, duration: float) -> None:
         self.time, self.speed, self.paused = 0.0, 1.0, False
@@ -95,7 +95,7 @@ def open_window(motion: Motion, camera: str) -> None:
 
 
 def eye_of(camera: mujoco.MjvCamera, data: mujoco.MjData) -> Array:
-    """Where a camera is in the world [m]. Shape (3,)."""
+    """Place of a camera in the world [m]. Shape (3,)."""
     if camera.type == mujoco.mjtCamera.mjCAMERA_FIXED:
         return np.array(data.cam_xpos[camera.fixedcamid])
     turn, rise = np.radians([camera.azimuth, camera.elevation])

@@ -1,4 +1,4 @@
-"""What is known of an evaluation's trials, real and simulated, and what differs, as a person would ask.
+"""Facts about an evaluation's trials, real and simulated, and their differences, as a person would ask for them.
 
 What a trial doesn't have is None or empty: a beat with its frequency and phases, a way that it has come, windows of
 time, sensors. There are no kinds of trials here. None stands for what isn't known as well: a marker that was lost, a
@@ -30,7 +30,7 @@ _SLOW = 1e-3  # m/s, below which a speed has no ratio
 _LEAST_SPAN = 0.05  # of the logarithm of frequency, for an exponent
 _LEAST_TREND, _OFF_TREND = 3, 0.05  # other trials that make a trend, and a difference of speed ratios that leaves it
 _AT_BOUND = 0.01  # of a parameter's range
-_ENOUGH, _TENTH, _WORTH = 5, 0.1, 0.2  # evaluations; and shares: of an error, and of the largest that is told of
+_ENOUGH, _TENTH, _WORTH = 5, 0.1, 0.2  # evaluations; and shares: of an error, and of the largest that is reported
 _NEED_NO_SIMULATION = ("frequency", "left_out_share", "protocol", "horizon")
 _ERRORS = {"paper": "marker_errors", "motion": "motion_marker_errors"}  # of markers, by protocol
 
@@ -131,7 +131,7 @@ class TrialFacts:
 
     @cached_property
     def off(self) -> list[Known]:
-        """How far the markers are off in each window of time, on average over them [m]."""
+        """Error of the markers in each window of time, on average over them [m]."""
         places = [[marker.windows[w] for marker in self.markers] for w in range(len(self.edges) - 1)]
         return [mean(None if place is None else math.hypot(*place) for place in window) for window in places]
 
@@ -142,7 +142,7 @@ class TrialFacts:
 
     @property
     def halves(self) -> tuple[Known, Known]:
-        """How far the markers are off in the first and in the second half, on average [m]."""
+        """Errors of the markers in the first and in the second half, on average [m]."""
         half = len(self.off) // 2
         return mean(self.off[:half]), mean(self.off[half:])
 
@@ -161,7 +161,7 @@ class _EvaluationFacts:
 
     @classmethod
     def of(cls, evaluation: Evaluation, robot: Robot) -> _EvaluationFacts:
-        """What is known of an evaluation of a robot's simulator."""
+        """Collects the facts of an evaluation of a robot's simulator."""
         figures = FitFigures.model_validate(evaluation.detail or {})
         trials = [_trial(name, found, figures.protocol, robot) for name, found in figures.trials.items()]
         known = _without_simulation(figures) if evaluation.failed else figures
@@ -201,7 +201,7 @@ class _EvaluationFacts:
 
     @property
     def halves(self) -> tuple[Known, Known]:
-        """How far markers are off in the first and in the second half of a trial, on average [m]."""
+        """Errors of the markers in the first and in the second half of a trial, on average [m]."""
         first, second = zip(*(trial.halves for trial in self.trials), strict=True)
         return mean(first), mean(second)
 
@@ -228,7 +228,7 @@ class _EvaluationFacts:
 
     @property
     def has_head(self) -> bool:
-        """Whether the motion of the head is compared."""
+        """True if the motion of the head is compared."""
         return any("yaw_real" in trial.figures.model_fields_set for trial in self.trials)
 
     def mean_of(self, figure: str) -> Known:
@@ -253,7 +253,7 @@ class Axes:
 
 @dataclass(frozen=True)
 class RoundFacts:
-    """All that a VLM can be told at a round.
+    """Facts that a VLM may get at a round.
 
     Attributes:
         situation: Situation as an advisor gets it.
@@ -277,7 +277,7 @@ class RoundFacts:
 
     @property
     def beats(self) -> bool:
-        """Whether the robot's trials have a steady beat."""
+        """True if the robot's trials have a steady beat."""
         return self.robot.trials.steady
 
     @property
@@ -309,7 +309,7 @@ class RoundFacts:
 
     @property
     def drives(self) -> dict[str, list[str]]:
-        """What drives a playback in words, and the actuators that it drives."""
+        """Drives of a playback in words, and the actuators that each drives."""
         drives: dict[str, list[str]] = {}
         for actuator, drive in self.robot.trials.controls.items():
             drives.setdefault(_command(drive), []).append(actuator)
@@ -327,7 +327,7 @@ class RoundFacts:
         return {}
 
     def of(self, evaluation: Evaluation) -> _EvaluationFacts:
-        """What is known of one of the run's evaluations, made once."""
+        """Facts of one of the run's evaluations, collected once."""
         known = self._known.get(id(evaluation)) or _EvaluationFacts.of(evaluation, self.robot)
         return self._known.setdefault(id(evaluation), known)
 
@@ -347,7 +347,7 @@ class RoundFacts:
 
     @property
     def unmoved(self) -> list[str]:
-        """What no other evaluation had a tenth lower than the best one, with the lowest value [mm]."""
+        """Figures that no other evaluation had a tenth lower than the best one, with the lowest value [mm]."""
         others = [one for one in self.situation.evaluations if not one.failed and one is not self.situation.incumbent]
         if len(others) < _ENOUGH:
             return []

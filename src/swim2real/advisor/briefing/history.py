@@ -1,4 +1,4 @@
-"""What a run has evaluated: a block per finished round, which never changes, so that services need not read it anew."""
+"""History of a run: a block per finished round, which never changes, so that services need not read it anew."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def rounds_told(facts: RoundFacts, numbers: bool) -> list[str]:
 
     Args:
         facts: Facts of the round that begins.
-        numbers: Whether losses and what else was compared are told.
+        numbers: Whether losses and other comparisons are reported.
     """
     best, blocks = facts.situation.first, list[str]()
     for nth, finished in enumerate(facts.situation.rounds, start=1):
@@ -90,7 +90,7 @@ def loss(evaluation: Evaluation, facts: RoundFacts) -> str:
 
 
 def effects(evaluation: Evaluation, facts: RoundFacts) -> str:
-    """What else an evaluation did, in few words after its loss; empty where nothing is known."""
+    """Other effects of an evaluation, in few words after its loss; empty if nothing is known."""
     if evaluation.failed:
         return ""
     known = facts.of(evaluation)
@@ -111,7 +111,7 @@ def effects(evaluation: Evaluation, facts: RoundFacts) -> str:
 
 
 def told_of_steps(facts: RoundFacts) -> str:
-    """What is told of an evaluation."""
+    """Describes an evaluation."""
     parts = ["its loss"]
     if facts.here.sensors:
         parts.append(f"{'what the markers have of it, ' if facts.here.markers else ''}the mean error of each sensor")
@@ -129,7 +129,7 @@ def told_of_steps(facts: RoundFacts) -> str:
 
 
 def changes(before: Evaluation, point: NDArray[np.float64], space: ParameterSpace, most: int) -> str:
-    """What differs at a point, the largest change first."""
+    """Differences of a point, the largest change first."""
     old, new = (_short_values(space, one) for one in (before.candidate.point, point))
     far = dict(zip(space.names, np.abs(before.candidate.point - point), strict=True))
     moved = [name for name in sorted(space.names, key=lambda name: -far[name]) if old[name] != new[name]]
@@ -145,13 +145,13 @@ def _short_values(space: ParameterSpace, point: NDArray[np.float64]) -> dict[str
 
 
 def _first_divergence(evaluation: Evaluation) -> str | None:
-    """What diverged first, in a sentence."""
+    """Names the part that diverged first, in a sentence."""
     trials = FitFigures.model_validate(evaluation.detail or {}).trials.items()
     return next((f"trial '{name}': {trial.divergence}" for name, trial in trials if trial.divergence), None)
 
 
 def corrections(proposal: Proposal) -> list[str]:
-    """What its author should hear of."""
+    """Corrections that the author of a proposal should hear of."""
     lines: list[str] = []
     for name, said in _CORRECTED.items():
         found: Mapping[str, float] | Sequence[str] | None = proposal.notes.get(name)

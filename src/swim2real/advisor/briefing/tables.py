@@ -14,9 +14,9 @@ from swim2real.advisor.briefing.facts import MarkerFacts, RoundFacts, TrialFacts
 from swim2real.advisor.briefing.texts import NOTHING, degrees, mm, number, pair, reading, significant, span, table
 from swim2real.objective.figures import FIGURES
 
-_LARGE = 20e-3  # m: from here on differences are told in whole millimeters
+_LARGE = 20e-3  # m: from here on differences are reported in whole millimeters
 _GRID = 8  # trials that tables by marker and trial have
-_IN_TIME = 3  # trials whose differences are told window by window
+_IN_TIME = 3  # trials whose differences are reported window by window
 _SAID = {  # of figures with a column of their own, as who judges a fit by them needs it
     "progress_error": "how far the simulated robot is ahead or behind on average.",
     "shape_error": "what differs in the frame of the head, without the way that it has come.",
@@ -53,7 +53,7 @@ def values_told(facts: RoundFacts) -> str:
 
 
 def meanings(facts: RoundFacts) -> str:
-    """What the columns of the tables mean, those that need saying."""
+    """Meanings of the tables' columns, those that need saying."""
     columns = [*trial_columns(facts), *(head_columns() if facts.here.has_head else ())]
     columns += marker_columns(facts) if facts.here.markers else []
     return "\n".join(f"- {one.meaning}" for one in columns if one.meaning)
@@ -182,7 +182,7 @@ def _phase(marker: MarkerFacts) -> str:
 
 
 def worst_trials_in_time(trials: Sequence[TrialFacts]) -> list[TrialFacts]:
-    """The trials whose differences are told window by window."""
+    """Trials whose differences are reported window by window."""
     return [trial for trial in _worst_trials(trials, _IN_TIME) if trial.error is not None and trial.edges]
 
 

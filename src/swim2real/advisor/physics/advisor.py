@@ -191,7 +191,7 @@ def _learned(speeds: Array, beats: Array, real: Swims, driven: Array) -> Feature
 
 
 def _diagnosis(figures: FitFigures) -> str:
-    """What differs between simulated and real swims: speed over frequency first, then the beat."""
+    """Difference between simulated and real swims: speed over frequency first, then the beat."""
     frequencies, real, simulated = _frequencies(figures), read_swims(figures, "real"), read_swims(figures, "simulated")
     order = np.argsort(frequencies)
     speeds = [

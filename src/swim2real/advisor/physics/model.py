@@ -1,4 +1,4 @@
-"""What the advisor believes: features of a swim, what the simulator would do elsewhere, and the loss that follows.
+"""Beliefs of the advisor: features of a swim, what the simulator would do elsewhere, and the loss that follows.
 
 A swim is described by its forward speed, its direction and its beat, in the body frame or, where the whole motion is
 compared, in the frame of its path. Speeds are compared on a scale that is logarithmic for swimmers and linear around
@@ -66,7 +66,7 @@ class Swims:
 
 
 class Features(NamedTuple):
-    """What is predicted of the swims at some points: of each trial its speed, direction and beat.
+    """Predicted features of the swims at some points: of each trial its speed, direction and beat.
 
     Attributes:
         speed: Speed on the advisor's scale. Shape (N, F).
@@ -214,7 +214,7 @@ class Surrogate:
 
 @dataclass(frozen=True)
 class Aim:
-    """What the real swims do, from which the loss of any other ones follows.
+    """Features of the real swims, from which the loss of any other ones follows.
 
     Attributes:
         speed: Real speeds [m/s]. Shape (F,).
@@ -317,5 +317,5 @@ def mean_square(simulated: Array, real: Array, variance: Array | float = 0.0) ->
 
 
 def shape_floor(measured: Array, simulated: Array, real: Array) -> Array:
-    """What of the measured shape errors the beats leave unexplained [m]. Shape (F,)."""
+    """Part of the measured shape errors that the beats leave unexplained [m]. Shape (F,)."""
     return np.sqrt(np.maximum(measured**2 - mean_square(simulated, real), _LEAST_SHAPE**2))

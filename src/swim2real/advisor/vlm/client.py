@@ -253,7 +253,7 @@ def _run(work: Coroutine[Any, Any, T]) -> T:
 
 
 class AttemptError(Exception):
-    """What went wrong in one attempt.
+    """Failure of one attempt.
 
     Attributes:
         kind: `retry` may go better the next time, `schema` without the schema; the others are final.
@@ -323,7 +323,7 @@ def _classify_status(error: Any, key_source: str, model: str) -> AttemptError:
 
 
 def _finish_of(response: ModelResponse) -> Finish:
-    """How a reply ended.
+    """Classifies the end of a reply.
 
     Raises:
         AttemptError: There is no reply in the response.
@@ -370,7 +370,7 @@ def _provider_message(body: object) -> str:
 
 
 def _root(error: BaseException) -> str:
-    """What the lowest library says."""
+    """Message of the lowest library."""
     while error.__cause__ is not None:
         error = error.__cause__
     return str(error) or type(error).__name__

@@ -73,7 +73,7 @@ def _missing(library: str) -> MissingExtraError:
 
 
 def same_model(asked: str, answered: str) -> bool:
-    """Whether the model that answered is the one that was asked.
+    """True if the model that answered is the one that was asked.
 
     A date or a number at the end (`-2025-12-11`, `-20250929`, `-001`) may be on one of them, and an alias such as
     `gemini-flash-latest` stands for any number of that kind.

@@ -1,4 +1,4 @@
-"""How the fish's swimming from rest responds to its parameters, learned from simulated swims over the whole box.
+"""Response of the fish's swimming from rest to its parameters, learned from simulated swims over the whole box.
 
 Four Gaussian processes, conditioned on a few thousand parameter sets that each swam at several frequencies from rest
 (`experiments/fish_response`): whether the fish goes forward; how far it comes in a beat; how that grows with the
@@ -84,7 +84,7 @@ class Corrected:
 
 @dataclass(frozen=True)
 class FishResponse:
-    """What the Gaussian processes expect of swims from rest.
+    """Swims from rest, as Gaussian processes expect them.
 
     Attributes:
         direction: From -1, backward, to 1, forward, at each of the frequencies.
