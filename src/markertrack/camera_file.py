@@ -26,11 +26,10 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
+from swimbase.arrays import Array
 from swimbase.checking import Number, Positive, read
 from swimbase.errors import ArgumentError, TrackingError
 from swimbase.store import write_json, writing
-
-Array = NDArray[np.float64]
 
 FORMAT = 1
 HIGHEST = 50.0  # m above the plane, from which no camera sees a marker

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from markertrack.camera import Camera, camera_for
 from markertrack.camera_file import CameraFile
@@ -24,9 +23,8 @@ from markertrack.tracking.markers import MarkerTracker
 from markertrack.tracking.tags import TagTracker
 from markertrack.tracking.tracker import Tracker
 from markertrack.video import Frame, VideoInfo, VideoReader, film_name, film_title
+from swimbase.arrays import Array
 from swimbase.errors import TrackingError
-
-Array = NDArray[np.float64]
 
 AUTO = "auto"  # in place of a points file: the markers are found without a click
 

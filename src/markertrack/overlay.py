@@ -14,10 +14,9 @@ from scipy.optimize import isotonic_regression
 
 from markertrack.drawing import DARK, Bytes, Canvas, Color, Place, plain, text_size, to_pillow
 from markertrack.video import VideoWriter
+from swimbase.arrays import Array, Mask
 from swimbase.errors import ArgumentError
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 States = NDArray[np.int64]
 
 _SEEN, _FILLED, _LOST = 0, 1, 2

@@ -1,1 +1,1 @@
-"""Base of the four packages: errors, whole files, checked content, names and text from outside."""
+"""Base of the four packages: errors, whole files, checked content, names and text from outside, types of arrays."""

@@ -12,22 +12,7 @@ from swim2real.calibration.saved_trials import SavedTrial, load_trials
 from swim2real.calibration.sensitivity import Sensitivity, Slopes, sensitivities
 
 __all__ = [
-    "Outcome",
-    "Problem",
-    "Progress",
-    "RealSwim",
-    "RunFolder",
-    "RunSettings",
-    "SavedTrial",
-    "Sensitivity",
-    "Slopes",
-    "commit",
-    "conclude",
-    "examine_swims",
-    "load_trials",
-    "minimize",
-    "protocol_for",
-    "reference_fingerprint",
-    "sensitivities",
-    "versions",
-]
+    "Outcome", "Problem", "Progress", "RealSwim", "RunFolder", "RunSettings", "SavedTrial", "Sensitivity", "Slopes",
+    "commit", "conclude", "examine_swims", "load_trials", "minimize", "protocol_for", "reference_fingerprint",
+    "sensitivities", "versions",
+]  # fmt: skip

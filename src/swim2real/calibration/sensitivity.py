@@ -11,6 +11,7 @@ from swim2real.calibration.problem import Problem
 from swim2real.objective import Comparison
 from swim2real.objective.figures import Fact
 from swim2real.parameters import ParameterSpace, Values
+from swimbase.arrays import Array
 
 _WORSE = 0.1  # of the error, by which it may rise
 _NEAR = 0.2  # of a parameter's range, within which a residual changes as a plane does
@@ -20,9 +21,6 @@ _UNKNOWN = 1e-2  # of the best known direction, below which one isn't known
 STEP = 0.1  # of the parameter's range on the space's scale
 IDENTIFIED = 2e-3  # m by which a step must change the loss
 WEAK = 5e-4
-
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -75,7 +73,7 @@ def sensitivities(problem: Problem, space: ParameterSpace, values: Values) -> li
     return found
 
 
-def _speeds(comparison: Comparison) -> NDArray[np.float64]:
+def _speeds(comparison: Comparison) -> Array:
     """Simulated forward speeds, by trial [m/s]; none where nothing travels."""
     figures = [trial.figures() for trial in comparison.trials]
     return np.array([one["velocity_simulated"] for one in figures if "velocity_simulated" in one])

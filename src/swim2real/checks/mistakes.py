@@ -13,7 +13,6 @@ from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from markertrack.quality import check_plausible
 from markertrack.track import MarkerTrack
@@ -33,9 +32,9 @@ from swim2real.parameters import Values
 from swim2real.robots.robot import Robot
 from swim2real.simulation.pose import PoseFit
 from swim2real.trials import Trial, TrialSet
+from swimbase.arrays import Array
 from swimbase.errors import TrialError
 
-Array = NDArray[np.float64]
 Item = TypeVar("Item")
 
 _FRAMES = 5  # of a trial in which poses are looked for

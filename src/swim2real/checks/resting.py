@@ -10,7 +10,6 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from markertrack.track import MarkerTrack
 from swim2real.checks.motion import Motion, error
@@ -18,9 +17,8 @@ from swim2real.robots.robot import Robot
 from swim2real.settings import HORIZON
 from swim2real.simulation.start import FITTED, MARKERS, REST, STRETCH, WINDOW, FirstFrames
 from swim2real.trials import Trial, TrialSet
+from swimbase.arrays import Array, Mask
 from swimbase.errors import Swim2RealError, TrialError
-
-Array = NDArray[np.float64]
 
 _LONG = 0.5  # s that are played back
 _STILL = 0.05  # of the motion's size: farther off a pose, it isn't at rest in it
@@ -180,7 +178,7 @@ def _shown(robot: Robot, trial: Trial) -> Trial | None:
     return replace(trial, track=MarkerTrack(read.times, np.stack([columns, np.zeros_like(columns)], axis=2)))
 
 
-def _laid_on(played: Array, seen: Array, known: NDArray[np.bool_]) -> Array:
+def _laid_on(played: Array, seen: Array, known: Mask) -> Array:
     """A motion, turned and shifted so that its first frame lies on what was seen. Shapes (T, M, 2), (M, 2), (M,)."""
     plane = np.array([1.0, 1.0j])
     moved, wanted = played @ plane, seen[known] @ plane

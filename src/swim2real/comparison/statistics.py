@@ -12,7 +12,7 @@ from typing import Literal
 
 import numpy as np
 import pandas as pd
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from swim2real.comparison.results import ComparisonResults, RunResult
 from swim2real.objective.figures import (
@@ -24,8 +24,8 @@ from swim2real.objective.figures import (
     figures_for,
     sensor_figure,
 )
+from swimbase.arrays import Array
 
-Array = NDArray[np.float64]
 Measure = Literal["final", "auc"]
 MarkerKind = Literal["motion", "marker", "aligned", "shape"]
 

@@ -14,7 +14,6 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from annotated_types import MinLen
-from numpy.typing import NDArray
 from pydantic import BaseModel
 
 from swim2real.calibration.provenance import commit, versions
@@ -24,10 +23,9 @@ from swim2real.parameters import Values
 from swim2real.robots.robot import Robot
 from swim2real.settings import EnsembleSettings
 from swimbase import store
+from swimbase.arrays import Array
 from swimbase.checking import read
 from swimbase.errors import ArgumentError, ParameterError, RunError
-
-Array = NDArray[np.float64]
 
 FORMAT = 1
 

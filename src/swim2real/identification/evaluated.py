@@ -6,12 +6,10 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from swim2real.calibration.problem import Problem
 from swim2real.parameters import ParameterSpace
-
-Array = NDArray[np.float64]
+from swimbase.arrays import Array
 
 _LEAST = 1e-5  # m, of a misfit; no camera sees less
 

@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Literal, Self
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import BaseModel, FiniteFloat, NonNegativeFloat, NonNegativeInt, model_validator
 
 from swim2real.calibration.convergence import ends_of, noise_of
@@ -34,10 +33,9 @@ from swim2real.settings import IdentifiabilitySettings
 from swim2real.simulation import Simulator, Swim
 from swim2real.trials import Actuation, TrialSet
 from swimbase import store
+from swimbase.arrays import Array
 from swimbase.checking import check
 from swimbase.errors import RunError
-
-Array = NDArray[np.float64]
 
 FORMAT = 2
 IDENTIFIABILITY = "identifiability.json"

@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from markertrack.track import MarkerTrack
@@ -28,9 +27,8 @@ from swim2real.identification.identifiability import IDENTIFIABILITY, read_study
 from swim2real.identification.possible_trials import PossibleTrial, column_names
 from swim2real.trials import TrialSet
 from swimbase import store
+from swimbase.arrays import Array
 from swimbase.errors import RunError, TrialError
-
-Array = NDArray[np.float64]
 
 FORMAT = 1
 NEXT, COMMANDS = "next.json", "next.csv"

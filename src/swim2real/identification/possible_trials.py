@@ -11,7 +11,6 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from markertrack.track import MarkerTrack
 from motorline.commands import FISH, RATE
@@ -20,9 +19,8 @@ from swim2real.parameters import Values
 from swim2real.robots.robot import CommandLimits, Robot
 from swim2real.simulation import Rollout, Swim
 from swim2real.trials import Signals, Trial
+from swimbase.arrays import Array
 from swimbase.errors import RunError
-
-Array = NDArray[np.float64]
 
 _FREQUENCIES, _SLOWER, _FASTER = 12, 0.7, 1.4  # of beats; times the lowest and the highest one that was filmed
 _CYCLES = (2.0, 6.0, 18.0)  # of the sines in a trial

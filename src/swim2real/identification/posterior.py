@@ -14,12 +14,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from swim2real.identification.emulator import Emulator
 from swim2real.identification.evaluated import EvaluatedPoint
-
-Array = NDArray[np.float64]
+from swimbase.arrays import Array
 
 BATCH = 32  # points that are evaluated between two emulators
 _CHAINS, _STEPS, _LAST_STEPS, _THINNED = 160, 400, 1600, 20

@@ -15,22 +15,7 @@ from swim2real.objective.trial import (
 )
 
 __all__ = [
-    "FAILED_LOSS",
-    "TAIL_FIRST_LOSS",
-    "Alignment",
-    "ComparedBeat",
-    "ComparedHead",
-    "ComparedProgress",
-    "ComparedSensor",
-    "ComparedTrial",
-    "Comparison",
-    "SensorTarget",
-    "Target",
-    "align",
-    "compare_playback",
-    "compare_steady",
-    "evidence",
-    "playback_target",
-    "rounded",
-    "steady_target",
-]
+    "FAILED_LOSS", "TAIL_FIRST_LOSS", "Alignment", "ComparedBeat", "ComparedHead", "ComparedProgress", "ComparedSensor",
+    "ComparedTrial", "Comparison", "SensorTarget", "Target", "align", "compare_playback", "compare_steady", "evidence",
+    "playback_target", "rounded", "steady_target",
+]  # fmt: skip

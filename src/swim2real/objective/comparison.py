@@ -7,12 +7,10 @@ from dataclasses import dataclass
 from typing import Any, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
 from swim2real.objective.figures import AVERAGED
 from swim2real.objective.trial import FAILED_LOSS, LEAST_DISTANCE, TAIL_FIRST_LOSS, ComparedTrial
-
-Array = NDArray[np.float64]
+from swimbase.arrays import Array
 
 _DIGITS = 9  # significant digits of a number in JSON
 

@@ -26,13 +26,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
 from swim2real.objective.target import Target
+from swimbase.arrays import Array
 from swimbase.errors import TrialError
-
-Array = NDArray[np.float64]
 
 _HARMONICS = 3
 _LOWEST, _HIGHEST = np.log(1e-3), np.log(1e4)  # of κ

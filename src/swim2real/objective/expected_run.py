@@ -12,16 +12,15 @@ from typing import Annotated, Literal
 
 import numpy as np
 from annotated_types import MinLen
-from numpy.typing import NDArray
 from pydantic import BaseModel
 from scipy.signal import find_peaks
 
 from markertrack import frames
 from swim2real.trials import Trial, TrialSet
+from swimbase.arrays import Array
 from swimbase.checking import Label, Number, Positive, read
 from swimbase.errors import ArgumentError, TrialError
 
-Array = NDArray[np.float64]
 Series = Annotated[list[Number], MinLen(2)]
 
 ENDING = ".expected.json"  # of the file's name, in place of the table's

@@ -13,12 +13,10 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from markertrack import frames
+from swimbase.arrays import Array
 from swimbase.errors import TrialError
-
-Array = NDArray[np.float64]
 
 _HARMONICS = 2  # of the beat that an oscillation is described by
 _FEWEST_FRAMES = 12

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from markertrack import frames
@@ -22,9 +21,8 @@ from swim2real.objective.trial import (
     LossFigure,
 )
 from swim2real.trials import Trial
+from swimbase.arrays import Array
 from swimbase.errors import TrialError
-
-Array = NDArray[np.float64]
 
 
 def compare_steady(target: Target, simulated: Trial, *, fit_phase: bool = True) -> ComparedTrial:

@@ -11,15 +11,14 @@ from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from markertrack import frames
 from swim2real.objective.alignment import weighted_distance
 from swim2real.objective.head import HeadMotion, Oscillation
 from swim2real.objective.motion import beat, finite_mean, main_amplitudes, windowed_means, windows
 from swim2real.objective.target import framed
+from swimbase.arrays import Array, Mask
 
-Array = NDArray[np.float64]
 LossFigure = Literal["motion_error", "aligned_marker_error", "marker_error"]
 
 FAILED_LOSS = 1.0  # m, the loss of a simulation that diverged: finite and of physical size
@@ -355,7 +354,7 @@ class ComparedTrial:
         return float(np.abs(turns[1] - turns[0]).mean())
 
     @property
-    def framed(self) -> NDArray[np.bool_]:
+    def framed(self) -> Mask:
         """Time stamps at which the markers of the frame of comparison count. Shape (T,)."""
         return framed(self.weights, self.frame)
 

@@ -21,28 +21,7 @@ from swim2real.optimizers.sequel import Sequel
 from swim2real.optimizers.staged import Stage, Staged
 
 __all__ = [
-    "Advice",
-    "Advisor",
-    "BacktrackingLineSearch",
-    "BayesianOptimization",
-    "Candidate",
-    "CmaEs",
-    "Evaluation",
-    "LeastSquares",
-    "Measurement",
-    "MultiStart",
-    "Optimizer",
-    "Proposal",
-    "ProposalSearch",
-    "RandomSearch",
-    "Round",
-    "ScriptedAdvisor",
-    "Sequel",
-    "Situation",
-    "Stage",
-    "Staged",
-    "Step",
-    "first_point",
-    "recorded_advice",
-    "streams",
-]
+    "Advice", "Advisor", "BacktrackingLineSearch", "BayesianOptimization", "Candidate", "CmaEs", "Evaluation",
+    "LeastSquares", "Measurement", "MultiStart", "Optimizer", "Proposal", "ProposalSearch", "RandomSearch", "Round",
+    "ScriptedAdvisor", "Sequel", "Situation", "Stage", "Staged", "Step", "first_point", "recorded_advice", "streams",
+]  # fmt: skip

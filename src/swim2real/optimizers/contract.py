@@ -9,11 +9,10 @@ from numbers import Integral
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from swimbase.arrays import Array
 from swimbase.errors import OptimizerError
-
-Array = NDArray[np.float64]
 
 
 def cube_point(point: ArrayLike, dimension: int | None = None) -> Array:

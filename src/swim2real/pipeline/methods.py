@@ -6,7 +6,6 @@ import pkgutil
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from swim2real.methods import METHODS
 from swim2real.optimizers import (
@@ -30,9 +29,8 @@ from swim2real.optimizers.mujoco_sysid import least_squares as solver
 from swim2real.parameters import ParameterSpace, Values
 from swim2real.robots.robot import Robot
 from swim2real.settings import PAPER_BUDGET, CalibrationSettings
+from swimbase.arrays import Array
 from swimbase.errors import ArgumentError
-
-Array = NDArray[np.float64]
 
 _INSIDE = 0.02  # of a parameter's range
 _STARTS_PER_PARAMETER = 2.5  # of method multi-start

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from markertrack import frames
 from markertrack.camera import fixed_camera
@@ -28,9 +27,8 @@ from swim2real.robots.robot import Robot
 from swim2real.trials import Trial, TrialSet
 from swim2real.trials.pose_tables import read_dlc
 from swimbase import store
+from swimbase.arrays import Array
 from swimbase.errors import ArgumentError, TrialError
-
-Array = NDArray[np.float64]
 
 ALL = "all.png"
 _MOMENTS, _COLUMNS, _TILE, _SMALL_TILE = 8, 4, 480, 240  # px for the tiles of a sheet

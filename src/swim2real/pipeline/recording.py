@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from markertrack.span import Span
 from markertrack.track import MarkerTrack
@@ -16,9 +15,8 @@ from swim2real.robots.robot import Robot
 from swim2real.trials import Signals, Trial
 from swim2real.trials.log_table import LogTable, choices
 from swim2real.trials.timebase import by_stamps
+from swimbase.arrays import Array
 from swimbase.errors import ArgumentError, TrialError, about
-
-Array = NDArray[np.float64]
 
 _DIGITS = 9  # of times in s
 

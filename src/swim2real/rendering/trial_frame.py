@@ -15,16 +15,15 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from PIL.Image import Image
 
 from markertrack.drawing import INK, PAGE, Bytes, Canvas, Color, Place, plain, text_size
 from markertrack.video import VideoWriter
 from swim2real.rendering.film import CRF, clip_times
 from swim2real.rendering.trial_view import Box, Limits, Swing, TrialView, grid_step, leads, length_text, millimeters
+from swimbase.arrays import Array
 from swimbase.errors import ArgumentError
 
-Array = NDArray[np.float64]
 Side = Literal["real", "simulated"]
 
 COLORS: dict[Side, Color] = {"real": (213, 43, 30), "simulated": (0, 84, 190)}

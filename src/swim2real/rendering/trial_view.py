@@ -14,10 +14,9 @@ from markertrack import frames
 from swim2real.objective import ComparedTrial
 from swim2real.objective.motion import finite_mean
 from swim2real.robots.robot import Robot
+from swimbase.arrays import Array, Mask
 from swimbase.errors import ArgumentError
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 Indices = NDArray[np.intp]
 
 _FOLLOWED = 0.5  # share of frames in which a marker is seen, for its static offset to be believed

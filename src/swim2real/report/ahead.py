@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from markertrack import frames
 from swim2real.objective import ComparedTrial
@@ -17,9 +16,8 @@ from swim2real.parameters import Values
 from swim2real.rendering.trial_view import TrialView
 from swim2real.robots.robot import Robot
 from swim2real.viewing import Motion, shown_swim
+from swimbase.arrays import Array
 from swimbase.errors import EngineError, TrialError
-
-Array = NDArray[np.float64]
 
 LEAST_ROLL = 1.0  # degrees to either side, in the fastest swim: a robot that rolls less doesn't roll
 _LEAST_MAST = 0.1  # of the robot's size

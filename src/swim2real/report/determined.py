@@ -8,15 +8,13 @@ from functools import partial
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from swim2real.formatting import listed
 from swim2real.identification.identifiability import Direction, Interval
 from swim2real.report.pages import Charts
 from swim2real.report.run import ReportedRun
 from swim2real.report.style import LIGHT, THIRD, chart_name, new_chart
-
-Array = NDArray[np.float64]
+from swimbase.arrays import Array
 
 _KNOWN, _OPEN = 0.1, 0.7  # spread of a direction up to which it is known, and from which on it is open
 _MOST_PAIRS = 3

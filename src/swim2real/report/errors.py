@@ -26,8 +26,7 @@ from swim2real.objective.figures import (
 from swim2real.objective.trial import TAIL_FIRST_LOSS
 from swim2real.optimizers.multi_start import agreeing
 from swim2real.report.run import ReportedRun
-
-Array = NDArray[np.float64]
+from swimbase.arrays import Array
 
 _POOR = 0.5  # of the size of the motion: an error above it is bad
 _FAR, _UNEXPLAINED = 10.0, 0.1  # times the noise, and of the motion: above both it may be bad as well

@@ -18,8 +18,8 @@ from swim2real.parameters import Values
 from swim2real.rendering.trial_view import TrialView, common_limits, grid_step, length_text, view_of
 from swim2real.report.ahead import SeenAhead, seen_ahead
 from swim2real.robots.robot import Robot
+from swimbase.arrays import Array
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 RATE = 30.0  # Hz, at most

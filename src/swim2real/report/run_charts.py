@@ -11,7 +11,6 @@ from typing import Any, TypeVar
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from swim2real.calibration.convergence import best_losses
 from swim2real.formatting import mm, number
@@ -33,9 +32,8 @@ from swim2real.report.style import (
     titled_points,
 )
 from swim2real.robots.robot import Robot
+from swimbase.arrays import Array, Mask
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 Range = tuple[float, float]
 T = TypeVar("T")
 

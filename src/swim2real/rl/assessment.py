@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from swim2real.parameters import Values
 from swim2real.rl.body import Actuators, policy_setup
@@ -26,9 +25,8 @@ from swim2real.rl.rollout import (
 from swim2real.rl.state import MOST_PLACE
 from swim2real.rl.training_run import TrainingRun
 from swim2real.robots.robot import Robot
+from swimbase.arrays import Array
 from swimbase.errors import ArgumentError
-
-Array = NDArray[np.float64]
 
 TEST_SEED = 2_000_000  # of the episodes that a policy is assessed in
 SCANNED_PHASES = 4  # starts of each wave, where starts are at any phase

@@ -17,9 +17,9 @@ from swim2real.robots.compiled import set_linear
 from swim2real.robots.robot import CommandLimits, PolicySetup, Robot
 from swim2real.simulation.playback import sensor_address
 from swim2real.simulation.start import STARTS, start_at_keyframe
+from swimbase.arrays import Array
 from swimbase.errors import ArgumentError
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 ORIGIN = "policy:origin"  # site of the point that stands for where the robot is

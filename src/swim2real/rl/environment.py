@@ -20,10 +20,9 @@ from swim2real.rl.state_estimation import StateEstimator
 from swim2real.rl.tasks import Task, find_task
 from swim2real.robots.fish import FISH
 from swim2real.robots.robot import Robot
+from swimbase.arrays import Array, Mask
 from swimbase.errors import ArgumentError
 
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 Observation = NDArray[np.float32]
 
 DIVERGED = -1000.0  # reward of a step that the simulation can't make
@@ -41,12 +40,12 @@ class _Stepped:
     """
 
     rewards: Array
-    terminated: Flags
-    truncated: Flags
-    success: Flags
+    terminated: Mask
+    truncated: Mask
+    success: Mask
 
     @property
-    def ended(self) -> Flags:
+    def ended(self) -> Mask:
         """True where the episode is over."""
         return self.terminated | self.truncated
 

@@ -15,10 +15,10 @@ from swim2real.rl.body import Actuators
 from swim2real.rl.conditions import CONTROL_INTERVAL
 from swim2real.rl.environment import Environments
 from swim2real.rl.training_run import BEST, LAST, TrainingRun
+from swimbase.arrays import Array
 from swimbase.errors import RunError
 from swimbase.store import write_arrays
 
-Array = NDArray[np.float64]
 Which = Literal["best", "last"]
 Policy = Callable[[NDArray[np.float32], Array, int], Array]
 """Gives actions from -1 to 1, shape (N, A), to N environments: from their observations (N, n), their present commands

@@ -13,18 +13,15 @@ from pathlib import Path
 from typing import Any, ClassVar, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from swim2real import consent
 from swim2real.formatting import listed, shortened
 from swim2real.rl.state import MOST_PLACE, MOST_RATE, RobotState
 from swim2real.robots.named_code import NamedCode, request
 from swim2real.robots.robot import Robot
+from swimbase.arrays import Array, Mask
 from swimbase.errors import ArgumentError
 from swimbase.names import label_fault, quoted
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 ENTRY_POINTS = "swim2real.tasks"  # group of those by which a package offers tasks
 _NEEDED = ("observes", "adds", "needs_frame", "stages", "begin", "observe", "score")  # of a task's class
@@ -63,7 +60,7 @@ class Task(Protocol):
         """Part of the observation that the task adds, from a state or an estimate of it. Shape (N, sum of lengths)."""
         ...
 
-    def score(self, state: RobotState, actions: Array) -> tuple[Array, Flags]:
+    def score(self, state: RobotState, actions: Array) -> tuple[Array, Mask]:
         """Rewards of a step and whether the task is done, from true states after it and actions (N, A). Shapes (N,)."""
         ...
 
@@ -100,7 +97,7 @@ class Forward:
         del state
         return self._nothing
 
-    def score(self, state: RobotState, actions: Array) -> tuple[Array, Flags]:
+    def score(self, state: RobotState, actions: Array) -> tuple[Array, Mask]:
         del actions
         return -state.position[:, 0], np.zeros(len(state.position), np.bool_)
 
@@ -203,7 +200,7 @@ class ReachGoal:
         goal = _seen(self.goals - state.position, state.heading)
         return np.column_stack([self._distances(state), *goal, *_seen(-state.velocity, state.heading)])
 
-    def score(self, state: RobotState, actions: Array) -> tuple[Array, Flags]:
+    def score(self, state: RobotState, actions: Array) -> tuple[Array, Mask]:
         reached = self._distances(state) < self.thresholds
         way = self._way(*_seen(self.goals - state.position, state.heading))
         nearer, self.before[:] = self.before - way, way
@@ -237,7 +234,7 @@ class PaperReachGoal(ReachGoal):
     discount: ClassVar[float] = 0.99
     takes: ClassVar[tuple[str, ...]] = ("near_goals",)
 
-    def score(self, state: RobotState, actions: Array) -> tuple[Array, Flags]:
+    def score(self, state: RobotState, actions: Array) -> tuple[Array, Mask]:
         distances = self._distances(state)
         reached = distances < self.thresholds
         return -distances - 0.5 * np.abs(actions).mean(axis=1) + 300.0 * reached, reached

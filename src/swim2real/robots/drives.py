@@ -7,13 +7,11 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from swim2real.robots.targets import Delays
 from swim2real.trials import Trial
+from swimbase.arrays import Array
 from swimbase.errors import EngineError, TrialError, about
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

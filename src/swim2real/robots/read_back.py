@@ -13,15 +13,13 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from swim2real.parameters import Parameter
 from swim2real.robots.compiled import REFUSALS
 from swim2real.robots.robot import Robot
 from swim2real.robots.targets import Selection
+from swimbase.arrays import Array
 from swimbase.errors import RobotError
-
-Array = NDArray[np.float64]
 
 _FACTORS = (1.0, -1.0, np.pi / 180)  # by which a number is written: as it is, against its sign by a servo, in degrees
 _EXACT, _LINEAR = 1e-9, 1e-4  # relative

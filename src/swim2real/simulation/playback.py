@@ -10,7 +10,6 @@ from itertools import pairwise
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from markertrack.track import MarkerTrack
 from swim2real.parameters import Values
@@ -39,9 +38,8 @@ from swim2real.simulation.start import (
 from swim2real.simulation.stepper import physics_state, roll, roll_each
 from swim2real.trials import Signals, Trial, TrialSet
 from swim2real.trials.signals import MEMORY
+from swimbase.arrays import Array
 from swimbase.errors import EngineError, TrialError, about
-
-Array = NDArray[np.float64]
 
 _ROUNDING = 1e-9  # s
 

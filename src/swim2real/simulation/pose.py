@@ -6,9 +6,8 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from swimbase.arrays import Array, Mask
 
 
 @dataclass(frozen=True)
@@ -85,8 +84,6 @@ class MarkerView:
             case _:
                 return data.xpos[index], index
 
-
-Mask = NDArray[np.bool_]
 
 SCALAR = (int(mujoco.mjtJoint.mjJNT_SLIDE), int(mujoco.mjtJoint.mjJNT_HINGE))  # joints of one coordinate
 _PULL = 1e-6  # toward the model's own pose, relative to the markers' pull: for what they don't show

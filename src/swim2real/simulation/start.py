@@ -15,16 +15,13 @@ from functools import cached_property
 import mujoco
 import numpy as np
 from mujoco import rollout
-from numpy.typing import NDArray
 
 from swim2real.robots.robot import Sensor, Trials
 from swim2real.simulation.pose import SCALAR, PoseFit
 from swim2real.simulation.stepper import PHYSICS, physics_state
 from swim2real.trials import Trial
+from swimbase.arrays import Array, Mask
 from swimbase.errors import EngineError, TrialError
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 WINDOW = 0.1  # s of first frames that show how a recording starts
 _FRAMES = 5  # at least

@@ -7,13 +7,11 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 from mujoco import rollout
-from numpy.typing import NDArray
 
 from fluidstep.engine import log_warnings
 from fluidstep.step import FastStep
 from swim2real.robots.robot import Robot
-
-Array = NDArray[np.float64]
+from swimbase.arrays import Array
 
 PHYSICS = mujoco.mjtState.mjSTATE_FULLPHYSICS
 """Time, positions, velocities and all else that the engine remembers."""

@@ -20,9 +20,8 @@ from swim2real.simulation.playback import Rollout
 from swim2real.simulation.simulator import settling_turns
 from swim2real.simulation.stepper import Rolled, Stepper, roll
 from swim2real.viewing.scenery import ABOVE, SIDE, furnish
+from swimbase.arrays import Array
 from swimbase.errors import EngineError
-
-Array = NDArray[np.float64]
 
 RATE = 60.0  # Hz, of what is kept of a simulation
 _GENTLE = 0.3  # of what an actuator bears, where nobody says what drives a robot

@@ -9,10 +9,10 @@ import time
 import mujoco
 import mujoco.viewer
 import numpy as np
-from numpy.typing import NDArray
 
 from swim2real.viewing.motion import Motion
 from swim2real.viewing.offscreen import REAL, SIMULATED, SMALLER
+from swimbase.arrays import Array
 from swimbase.errors import ArgumentError
 
 KEYS = "space pauses, up and down change the speed, left and right step, [ and ] change the camera, Esc frees it"
@@ -21,8 +21,6 @@ _PERIOD = 1 / 60  # s between pictures
 _SLOWEST, _FASTEST = 1 / 16, 4.0
 _RADIUS = 0.013  # of the model's extent
 _BEFORE = 3.0  # times as far as the nearest that is drawn, where markers are that nothing is to hide
-
-Array = NDArray[np.float64]
 
 
 class _Player:

@@ -24,8 +24,7 @@ from scipy.special import ndtr
 
 from swim2real.objective.figures import Beat, FitFigures
 from swim2real.parameters import ParameterSpace
-
-Array = NDArray[np.float64]
+from swimbase.arrays import Array
 
 SHARP = 0.02  # m in a beat, within which backward turns into forward
 BACKWARD_LOSS, DOUBT = 0.1, 0.3  # m for a trial that goes backward; deviation of a direction that seems sure

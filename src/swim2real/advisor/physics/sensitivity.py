@@ -15,7 +15,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from swim2real.advisor.physics.model import reason
 from swim2real.formatting import listed
@@ -24,9 +23,8 @@ from swim2real.optimizers import Advice, Evaluation, Measurement, Proposal, Roun
 from swim2real.optimizers.advisor import DECIMALS
 from swim2real.optimizers.least_squares import box_step, updated
 from swim2real.parameters import ParameterSpace
+from swimbase.arrays import Array
 from swimbase.errors import AdvisorError
-
-Array = NDArray[np.float64]
 
 _TRUST_START, _TRUST_LEAST, _TRUST_MOST = 0.4, 1e-4, 1.0  # half width of the trusted box, in the unit cube
 _GROW, _SHRINK = 2.0, 0.5

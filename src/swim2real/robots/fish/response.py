@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from swimbase.arrays import Array
 
 PROCESSES = ("direction", "stride", "growth", "motion")
 TABLES = ("basis", "average", "frequencies", "behind")
