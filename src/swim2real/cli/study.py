@@ -189,7 +189,7 @@ def next_trial(
     from swim2real.identification.next_trial import COMMANDS, fitting_sets, judged_trials, write_next
     from swim2real.identification.possible_trials import possible_trials
     from swim2real.interruption import Interruption
-    from swim2real.report.next_chart import write_chart
+    from swim2real.report.determined import write_chart
     from swim2real.trials import load_reference
 
     if seed < 0:

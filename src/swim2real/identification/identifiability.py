@@ -10,7 +10,6 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Literal, Self
 
@@ -20,7 +19,7 @@ from pydantic import BaseModel, FiniteFloat, NonNegativeFloat, NonNegativeInt, m
 from swim2real.calibration.convergence import ends_of, noise_of
 from swim2real.calibration.file_models import Share
 from swim2real.calibration.loop import write_fit
-from swim2real.calibration.provenance import commit, versions
+from swim2real.calibration.provenance import made_by
 from swim2real.calibration.run_folder import RunFolder
 from swim2real.calibration.sensitivity import Slopes
 from swim2real.identification.evaluated import EvaluatedPoint, evaluated, independent_numbers
@@ -34,7 +33,7 @@ from swim2real.simulation import Simulator, Swim
 from swim2real.trials import Actuation, TrialSet
 from swimbase import store
 from swimbase.arrays import Array
-from swimbase.checking import check
+from swimbase.checking import read
 from swimbase.errors import RunError
 
 FORMAT = 2
@@ -281,12 +280,11 @@ class _Studying:
 
     def _earlier(self) -> Study | None:
         """The study that is on the disk, None where there is none; what it evaluated is taken over."""
-        path = self._run.folder.path / IDENTIFIABILITY
-        if not path.is_file():
+        if (study := study_of(self._run.folder)) is None:
             return None
-        study = read_study(path)
         wanted = {**self._run.conditions(), "settings": asdict(self._settings), "start": _start(self._run)}
         if changed := study.difference(wanted):
+            path = self._run.folder.path / IDENTIFIABILITY
             raise RunError(f"'{path}' is a study with {changed}; begin anew with --again")
         kept = self._run.folder.path / EVALUATED
         if not study.complete and kept.is_file():
@@ -333,9 +331,7 @@ class _Studying:
             "draws": np.round(kept, 6).tolist(),
             "checked": [_Point(point=one.point.tolist(), loss=one.loss) for one in found.checked],
             "speeds": self._predicted(kept),
-            "versions": versions(),
-            "commit": commit(),
-            "created": datetime.now(UTC).isoformat(timespec="seconds"),
+            **made_by(),
         }
         return self._study.model_copy(update=content)
 
@@ -444,8 +440,8 @@ def outdated(run: FinishedRun) -> bool:
     Raises:
         RunError: The study is damaged.
     """
-    path = run.folder.path / IDENTIFIABILITY
-    return path.is_file() and bool(read_study(path).difference({"start": _start(run)}))
+    study = study_of(run.folder)
+    return study is not None and bool(study.difference({"start": _start(run)}))
 
 
 def _start(run: FinishedRun) -> dict[str, object]:
@@ -462,11 +458,20 @@ def sets_that_fit(folder: RunFolder, robot: Robot) -> list[Values]:
     Raises:
         RunError: The study is damaged.
     """
-    path = folder.path / IDENTIFIABILITY
-    if not path.is_file():
+    if (study := study_of(folder)) is None:
         return []
-    space, draws = replace(robot.space, scale=folder.settings().resolved_scale), read_study(path).draws
+    space, draws = replace(robot.space, scale=folder.settings().resolved_scale), study.draws
     return [space.to_values(draw) for draw in draws[:: max(1, len(draws) // PREDICTING)]]
+
+
+def study_of(folder: RunFolder) -> Study | None:
+    """The study of a run, complete or not; None without one.
+
+    Raises:
+        RunError: The study is damaged.
+    """
+    path = folder.path / IDENTIFIABILITY
+    return read_study(path) if path.is_file() else None
 
 
 def read_study(path: str | Path) -> Study:
@@ -475,10 +480,4 @@ def read_study(path: str | Path) -> Study:
     Raises:
         RunError: Not there, damaged, or of another format.
     """
-    try:
-        content = store.read_json(path)
-    except FileNotFoundError:
-        raise RunError(f"'{path}' is not there; swim2real identify writes it") from None
-    except (OSError, ValueError) as error:
-        raise RunError(f"'{path}' can't be read: {error}; begin anew with --again") from error
-    return check(Study, content, f"'{path}'", RunError, "begin anew with --again")
+    return read(Study, path, "study", RunError, "begin anew with --again")

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -20,10 +19,10 @@ from scipy.interpolate import CubicSpline
 from markertrack.track import MarkerTrack
 from motorline.commands import CommandTable, write_table
 from swim2real.calibration.problem import Problem
-from swim2real.calibration.provenance import commit, versions
+from swim2real.calibration.provenance import made_by
 from swim2real.identification.evaluated import EvaluatedPoint, evaluated
 from swim2real.identification.finished_run import FinishedRun
-from swim2real.identification.identifiability import IDENTIFIABILITY, read_study
+from swim2real.identification.identifiability import IDENTIFIABILITY, study_of
 from swim2real.identification.possible_trials import PossibleTrial, column_names
 from swim2real.trials import TrialSet
 from swimbase import store
@@ -79,9 +78,8 @@ def fitting_sets(run: FinishedRun) -> FittingSets:
     """
     path = run.folder.path / IDENTIFIABILITY
     first = f"run swim2real identify {run.folder.path} first"
-    if not path.is_file():
+    if (study := study_of(run.folder)) is None:
         raise RunError(f"run '{run.folder.path}' has no study of the sets that fit; {first}")
-    study = read_study(path)
     if not study.complete:
         raise RunError(f"the study in '{path}' isn't complete; {first}, which goes on with it")
     if changed := study.difference(run.conditions()):
@@ -189,7 +187,7 @@ def write_next(folder: Path, run: FinishedRun, judged: Sequence[JudgedTrial]) ->
             for one in ranked if not one.reason
         ],
         "left_out": [{"label": one.possible.label, "reason": one.reason} for one in ranked if one.reason],
-        "versions": versions(), "commit": commit(), "created": datetime.now(UTC).isoformat(timespec="seconds"),
+        **made_by(),
     }  # fmt: skip
     columns = column_names(run.problem.robot, ranked[0].possible.columns)
     with store.writing(folder, RunError, "give another folder with --out"):

@@ -5,7 +5,6 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable
 from dataclasses import fields, replace
-from datetime import UTC, datetime
 from pathlib import Path
 
 from swim2real import calibration
@@ -160,9 +159,7 @@ def _resolved(
         reference_fingerprint=calibration.reference_fingerprint(reference),
         reference=source_from(folder, source),
         engine=problem.engine,
-        versions=calibration.versions(),
-        commit=calibration.commit(),
-        created=datetime.now(UTC).isoformat(timespec="seconds"),
+        **calibration.made_by(),
     )
 
 

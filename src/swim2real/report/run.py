@@ -14,7 +14,7 @@ from swim2real.calibration.file_models import RecordedEvaluation, TrialSummary
 from swim2real.calibration.from_rest import backward_from_rest
 from swim2real.calibration.run_folder import TRIALS
 from swim2real.formatting import listed
-from swim2real.identification.identifiability import IDENTIFIABILITY, Study, read_study
+from swim2real.identification.identifiability import Study, study_of
 from swim2real.objective.figures import FitFigures, TrialFigures
 from swim2real.parameters import ParameterSpace
 from swim2real.robots.robot import Robot
@@ -242,15 +242,12 @@ def calls_of(entry: RecordedEvaluation) -> list[int]:
 
 def _read_study(folder: RunFolder, best: RecordedEvaluation) -> tuple[Study | None, str]:
     """The study of a run, or why it can't be shown."""
-    path = folder.path / IDENTIFIABILITY
-    if not path.is_file():
-        return None, ""
     begin = f"begin anew with swim2real identify {folder.path} --again"
     try:
-        study = read_study(path)
+        study = study_of(folder)
     except RunError as error:
         return None, f"The study of what the trials determine isn't shown: {error} ({begin})."
-    if study.difference({"start": {"point": list(best.point), "loss": best.loss}}):
+    if study is not None and study.difference({"start": {"point": list(best.point), "loss": best.loss}}):
         return None, f"The study of what the trials determine is from before the run had its best values; {begin}."
     return study, ""
 
