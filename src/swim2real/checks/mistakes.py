@@ -51,7 +51,7 @@ _MOST = 3  # mistakes of one reference that are named
 
 
 @dataclass(frozen=True)
-class Verdict:
+class _Verdict:
     """Fit of trials with a robot.
 
     Attributes:
@@ -86,7 +86,7 @@ class Verdict:
         )
 
 
-def judged(robot: Robot, reference: TrialSet) -> Verdict:
+def judged(robot: Robot, reference: TrialSet) -> _Verdict:
     """Looks for what is probably wrong with trials.
 
     Args:
@@ -98,7 +98,7 @@ def judged(robot: Robot, reference: TrialSet) -> Verdict:
     """
     found = _of_poses(robot, reference)
     if found or robot.trials.steady:
-        return Verdict(tuple(found))
+        return _Verdict(tuple(found))
     return _Judge(robot, reference).verdict()
 
 
@@ -152,10 +152,10 @@ class _Judge:
         self.trials, self.prepared = [ready[k][0] for k in worst], [ready[k][1] for k in worst]
         self.own = [parts[k] for k in worst]
 
-    def verdict(self) -> Verdict:
+    def verdict(self) -> _Verdict:
         """Mistakes that the trials probably have, and how much stays unexplained."""
         if not self.trials:
-            return Verdict()
+            return _Verdict()
         doubts, fit = list[str](), self._fit(self.trials, self.prepared)
         while len(doubts) < _MOST and any(share([one]) > _FOLLOWED for one in fit.parts):
             better = self._undone(fit)
@@ -164,7 +164,7 @@ class _Judge:
             doubts.append(better[0])
             fit = better[1]
         named = list(zip((trial.name for trial in fit.trials), self.own, fit.parts, strict=True))
-        return Verdict(
+        return _Verdict(
             tuple(doubts), {name: share([one]) for name, _, one in named},
             {name: (error(own), error(one)) for name, own, one in named},
         )  # fmt: skip

@@ -54,12 +54,12 @@ def independent_numbers(residual: Array, blocks: Sequence[tuple[int, int]]) -> f
     for rows, columns in blocks:
         noise = residual[first : first + rows * columns].reshape(rows, columns)
         first += rows * columns
-        between, along = np.einsum("ti,tj->ij", noise, noise) / rows, autocorrelation(noise)
+        between, along = np.einsum("ti,tj->ij", noise, noise) / rows, _autocorrelation(noise)
         count += _participation(between) * _independent_frames(along)
     return count
 
 
-def autocorrelation(noise: Array) -> Array:
+def _autocorrelation(noise: Array) -> Array:
     """Autocorrelation of all channels together, not centered, biased toward 0 at long lags so that it is a covariance.
 
     Args:

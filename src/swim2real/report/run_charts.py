@@ -152,11 +152,11 @@ def speeds(run: ReportedRun) -> Figure:
 def trial_charts(trials: Sequence[ComparedTrial], run: ReportedRun) -> Charts:
     """Charts that each trial has the data for, as functions that draw them; names begin with what they show."""
     names, units = run.marker_names, {sensor.name: sensor.unit for sensor in run.robot.trials.sensors}
-    ranges = common_ranges(trials)
+    ranges = _common_ranges(trials)
     charts: Charts = {}
     for i, trial in enumerate(trials):
         if names:
-            shown = common_ranges([trial], _path_markers_of(trial, names))
+            shown = _common_ranges([trial], _path_markers_of(trial, names))
             charts[f"paths-{i}"] = partial(paths, trial, names, run.robot, shown)
         if trial.frequency is not None:
             charts[f"tail-{i}"] = partial(_tail_tip, trial, names, ranges)
@@ -200,7 +200,7 @@ def _drawn_frames(trial: ComparedTrial) -> slice:
     return slice(0, _MOST_POINTS * stride, stride)
 
 
-def common_ranges(trials: Sequence[ComparedTrial], shown: range | None = None) -> tuple[Range, Range]:
+def _common_ranges(trials: Sequence[ComparedTrial], shown: range | None = None) -> tuple[Range, Range]:
     """Ranges along both axes that hold what is drawn of all trials [mm], for the same scale everywhere.
 
     Args:

@@ -183,7 +183,7 @@ def handle(label: str, **options: Any) -> Line2D:
     return Line2D([], [], label=chart_name(label), **options)
 
 
-def legend_columns(labels: Sequence[str], width: float) -> int:
+def _legend_columns(labels: Sequence[str], width: float) -> int:
     """Number of columns that a legend may have within a width [inches]."""
     widest = 0.46 + 0.056 * max(map(len, labels))
     columns = max(1, min(len(labels), int(width / widest)))
@@ -193,12 +193,12 @@ def legend_columns(labels: Sequence[str], width: float) -> int:
 
 def legend_rows(labels: Sequence[str], width: float) -> int:
     """Number of rows that it then has."""
-    return -(-len(labels) // legend_columns(labels, width))
+    return -(-len(labels) // _legend_columns(labels, width))
 
 
 def legend_above(figure: Figure, handles: Sequence[Line2D], width: float) -> None:
     """One legend over all axes of a figure that arranges itself; they make room for it."""
-    columns = legend_columns([str(line.get_label()) for line in handles], width)
+    columns = _legend_columns([str(line.get_label()) for line in handles], width)
     figure.legend(handles=list(handles), loc="outside upper center", ncols=columns, borderaxespad=0.1)
 
 

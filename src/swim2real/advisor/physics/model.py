@@ -45,7 +45,7 @@ def to_speed_scale(speed: Array | float) -> Array:
     return np.arcsinh(np.asarray(speed, dtype=float) / SLOW)
 
 
-def from_speed_scale(value: Array) -> Array:
+def _from_speed_scale(value: Array) -> Array:
     """Speed [m/s] of a value on the advisor's scale."""
     return SLOW * np.sinh(value)
 
@@ -239,7 +239,7 @@ class Aim:
         Returns:
             Shape (N,).
         """
-        simulated = from_speed_scale(speed)
+        simulated = _from_speed_scale(speed)
         # along the swimming axis: the difference grows with time
         instants = (np.arange(_INSTANTS) + 0.5) / _INSTANTS * self.horizon
         unsure = (simulated**2 + SLOW**2) * speed_variance
