@@ -134,7 +134,8 @@ def minimize(
         if improved or best is None:
             best = entry
         if (best is not before and not replayed) or index == len(recorded) - 1:  # once for all that is replayed
-            _write_best(folder, problem, best)
+            with writing(folder.best_path, RunError, "--resume goes on"):
+                write_fit(folder.best_path, problem, best.values, loss=best.loss, evaluation=best.index)
         residual = comparison.residual_vector() if comparison is not None and optimizer.needs_residual else None
         if residual is not None and slopes is not None and not entry.failed:
             slopes.add(candidate.point, residual)
@@ -205,12 +206,6 @@ def _same_values(recorded: Values, values: Values) -> bool:
         name in recorded and math.isclose(recorded[name], value, rel_tol=1e-9, abs_tol=1e-300)
         for name, value in values.items()
     )
-
-
-def _write_best(folder: RunFolder, problem: Problem, entry: RecordedEvaluation) -> None:
-    """Writes the incumbent as the run's parameters file."""
-    with writing(folder.best_path, RunError, "--resume goes on"):
-        write_fit(folder.best_path, problem, entry.values, loss=entry.loss, evaluation=entry.index)
 
 
 def write_fit(path: Path, problem: Problem, values: Values, **notes: Any) -> None:

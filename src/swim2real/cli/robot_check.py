@@ -60,7 +60,10 @@ def check_robot(name: str, reference_folder: Path | None, out: Path | None, thre
             say(f"Probably wrong: {sentence}.")
         return False
     _parameters(file, probes, bool(robot.marker_names))
-    _moved(robot, None if not fits or reference is None else reference.names[:TRIALS])
+    by = made_up_motion(robot)
+    if fits and reference is not None:
+        by = f"as in the trials of the reference ({', '.join(reference.names[:TRIALS])})"
+    say(f"Moved for {SECONDS:g} s {by}.")
     if robot.marker_names:
         _markers(robot)
     _trials(robot)
@@ -80,7 +83,7 @@ def check_robot(name: str, reference_folder: Path | None, out: Path | None, thre
                 say(f"{sentence[0].upper()}{sentence[1:]}.")
         wrong += doubts
     if robot.marker_names:
-        _draw(robot, out or _beside(name))
+        _draw(robot, out or (Path(f"{name}.png") if name in ROBOTS else Path(name).with_suffix(".png")))
     return not wrong
 
 
@@ -98,12 +101,6 @@ def _parameters(file: RobotFile, probes: list[Probe], markers: bool) -> None:
 
 def _cell(shift: Shift) -> str:
     return "–" if shift.failure else f"{1e3 * shift.distance:.3g}"
-
-
-def _moved(robot: Robot, trials: tuple[str, ...] | None) -> None:
-    """Prints how the robot was moved for these numbers."""
-    by = made_up_motion(robot) if trials is None else f"as in the trials of the reference ({', '.join(trials)})"
-    say(f"Moved for {SECONDS:g} s {by}.")
 
 
 def _markers(robot: Robot) -> None:
@@ -214,10 +211,6 @@ def _notes(probes: list[Probe], markers: bool) -> Iterator[str]:
         if not one.idle and one.distance < FAINT:
             moved = "moves the markers" if markers else "changes the sensors"
             yield f"{p.name} hardly shows: it {moved} by less than {1e3 * FAINT:g} mm on average"
-
-
-def _beside(robot: str) -> Path:
-    return Path(f"{robot}.png") if robot in ROBOTS else Path(robot).with_suffix(".png")
 
 
 def _draw(robot: Robot, out: Path) -> None:

@@ -19,7 +19,6 @@ from swim2real.objective.figures import (
     AVERAGED,
     SENSORS,
     Figure,
-    TrialFigures,
     figure_values,
     figures_for,
     sensor_figure,
@@ -311,7 +310,8 @@ def speeds(runs: Sequence[RunResult]) -> Speeds | None:
         return None
     trials = runs[0].fit.trials
     names = sorted(trials, key=lambda name: (trials[name].frequency or 0.0, name))
-    simulated = [[_simulated_speed(run.fit.trials.get(name)) for name in names] for run in runs]
+    trials = [[run.fit.trials.get(name) for name in names] for run in runs]
+    simulated = [[None if one is None or one.divergence else one.velocity_simulated for one in row] for row in trials]
     return Speeds(
         pd.Series({name: trials[name].frequency for name in names}, dtype="float64"),
         pd.Series({name: trials[name].velocity_real for name in names}, dtype="float64"),
@@ -355,7 +355,3 @@ def held_out_errors(results: ComparisonResults, method: str, protocol: str) -> p
     ]  # fmt: skip
     numbers = dict.fromkeys(("held_out", "same_when_fitted", "velocity"), float)
     return pd.DataFrame(rows).astype(numbers) if rows else None
-
-
-def _simulated_speed(trial: TrialFigures | None) -> float | None:
-    return None if trial is None or trial.divergence else trial.velocity_simulated

@@ -136,7 +136,8 @@ def draw_on_film(
         times = compared.times - compared.times[0]
         most = 0.6 * float(np.median(np.diff(times)))
         done = 0
-        with FilmOverlay(target, size, reader.info.fps, _lines(problem.robot, compared)) as overlay:
+        lines = problem.robot.links if compared.frequency is None else (tuple(range(len(problem.robot.marker_names))),)
+        with FilmOverlay(target, size, reader.info.fps, lines) as overlay:
             for frame in reader:
                 time = frame.time - span.begin
                 if span.after(frame.time) or time > times[-1] + most:
@@ -217,8 +218,3 @@ def _doubts(trial: Trial, tracked: Array, reference: Path) -> tuple[str, ...]:
         f"the red rings lie {np.median(known):.0f} px beside the markers, so this isn't the camera that tracked them; "
         f"give the same --camera as to track",
     )
-
-
-def _lines(robot: Robot, compared: ComparedTrial) -> tuple[tuple[int, ...], ...]:
-    """Indices of the markers that each line goes through: a swimmer's chain, or another robot's links."""
-    return tuple(robot.links) if compared.frequency is None else (tuple(range(len(robot.marker_names))),)

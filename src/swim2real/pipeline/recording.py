@@ -52,7 +52,7 @@ class Wanted:
             choices(
                 "sensors",
                 sensors,
-                _measured(robot),
+                [sensor.name for sensor in robot.trials.sensors],
                 f"sensor under [recordings.sensors] of robot '{robot.name}'",
                 behind=partial(_behind, robot),
             ),
@@ -159,10 +159,6 @@ def recorded(
 def _commanded(robot: Robot) -> list[str]:
     """Actuators that a table drives."""
     return [name for name, drive in robot.trials.controls.items() if drive.table]
-
-
-def _measured(robot: Robot) -> list[str]:
-    return [sensor.name for sensor in robot.trials.sensors]
 
 
 def _signals(

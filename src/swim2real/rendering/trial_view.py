@@ -253,7 +253,9 @@ def view_of(trial: ComparedTrial, robot: Robot) -> TrialView:
     """A compared trial as it is drawn: registered, as the loss sees it."""
     seen, hidden = trial.weights > 0, np.nan if trial.divergence else 0.0
     unseen = np.where(seen, 0.0, np.nan)[:, :, None]
-    residual = trial.residual if trial.head is None else trial.motion_residual
+    residual, error = trial.residual, trial.aligned_marker_error
+    if trial.head is not None:
+        residual, error = trial.motion_residual, trial.motion_error
     distances = np.where(seen, np.linalg.norm(residual + hidden, axis=2), np.nan)
     chain = tuple(range(len(robot.marker_names)))
     real, simulated = _paths(trial)
@@ -264,7 +266,7 @@ def view_of(trial: ComparedTrial, robot: Robot) -> TrialView:
         seen=seen,
         real=trial.real + unseen,
         simulated=trial.simulated + _offsets(trial, seen) + hidden,
-        error=float("nan") if trial.divergence else _error(trial),
+        error=error + hidden,
         errors=finite_mean(distances.T),
         lines=_joined(robot.links) if trial.frequency is None else (chain,),
         axes=_axes(trial, robot),
@@ -345,10 +347,6 @@ def _offsets(trial: ComparedTrial, seen: Mask) -> Array:
         return trial.registration
     known = index[followed]
     return np.stack([np.interp(index, known, trial.registration[known, axis]) for axis in (0, 1)], axis=1)
-
-
-def _error(trial: ComparedTrial) -> float:
-    return trial.aligned_marker_error if trial.head is None else trial.motion_error
 
 
 def _swings(trial: ComparedTrial) -> tuple[Swing, ...]:

@@ -45,7 +45,7 @@ A file that says `extends = "OTHER.toml"` takes over what it doesn't say itself,
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -77,12 +77,9 @@ def _rising(limits: list[float]) -> list[float]:
     return limits
 
 
-def _site(value: Any) -> Any:
-    return {"site": value} if isinstance(value, str) else value
-
-
-def _line(value: Any) -> Any:
-    return {"to": value} if isinstance(value, str) else value
+def _table_of(key: str) -> Callable[[Any], Any]:
+    """Makes a table with this key of a text that stands for it alone."""
+    return lambda value: {key: value} if isinstance(value, str) else value
 
 
 def _lines(value: Any) -> Any:
@@ -233,7 +230,7 @@ class ParameterTable(_Table):
     meaning: Text
     value: float | None = None
     targets: Annotated[
-        list[Annotated[TargetTable, BeforeValidator(_line)]], Field(min_length=1), BeforeValidator(_lines)
+        list[Annotated[TargetTable, BeforeValidator(_table_of("to"))]], Field(min_length=1), BeforeValidator(_lines)
     ]
 
 
@@ -245,7 +242,7 @@ class RobotTable(_Table):
     description: Text
     model: Text
     camera: Literal["above", "side", "front"] = "above"
-    markers: list[Annotated[MarkerTable, BeforeValidator(_site)]] = []
+    markers: list[Annotated[MarkerTable, BeforeValidator(_table_of("site"))]] = []
     links: list[Pair] | None = None
     recordings: RecordingsTable | None = None
     swims: SwimsTable | None = None

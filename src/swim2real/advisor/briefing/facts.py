@@ -432,7 +432,10 @@ def _markers(found: TrialFigures, protocol: str, names: Sequence[str]) -> tuple[
         return [value if there else None for value, there in zip(values or unknown, seen, strict=True)]
 
     real, simulated = (of_seen(beat.amplitude if beat else size) for beat, size in zip(beats, sizes, strict=True))
-    phases = [of_seen([_degrees(phase) for phase in beat.phase] if beat else []) for beat in beats]
+    phases = [
+        of_seen([None if phase is None else math.degrees(phase) for phase in beat.phase] if beat else [])
+        for beat in beats
+    ]
     said = [there and not diverged for there in seen]
     errors: Sequence[Known] = getattr(found, _ERRORS.get(protocol, "aligned_marker_errors")) or unknown
     windows = found.windows.markers if found.windows else []
@@ -446,7 +449,7 @@ def _markers(found: TrialFigures, protocol: str, names: Sequence[str]) -> tuple[
         markers.append(
             MarkerFacts(
                 name, errors[i] if said[i] else None, real[i], simulated[i], ratio,
-                _wrapped(after - before) if in_step and before is not None and after is not None else None,
+                (after - before + 180) % 360 - 180 if in_step and before is not None and after is not None else None,
                 _complete(found.offset[i]) if found.offset and said[i] else None,
                 (found.shape_marker_errors or unknown)[i] if said[i] else None,
                 [_complete(places[i]) for places in windows],
@@ -477,15 +480,6 @@ def _ratio(real: Known, simulated: Known, least: float, both: bool = False) -> K
     if real is None or simulated is None or real <= 0 or (min(real, simulated) if both else real) < least:
         return None
     return simulated / real
-
-
-def _degrees(angle: Known) -> Known:
-    return None if angle is None else 180 / math.pi * angle
-
-
-def _wrapped(degrees: float) -> float:
-    """An angle from -180 to 180 [deg]."""
-    return (degrees + 180) % 360 - 180
 
 
 def _complete(place: Sequence[Known]) -> Sequence[float] | None:

@@ -82,7 +82,9 @@ def _result(evaluation: Evaluation, kept: bool, facts: RoundFacts, numbers: bool
 def loss(evaluation: Evaluation, facts: RoundFacts) -> str:
     """An evaluation's loss, and what it is without the addition for going tail first."""
     if evaluation.failed:
-        return f"the simulation diverged ({_first_divergence(evaluation) or 'no reason on record'})"
+        trials = FitFigures.model_validate(evaluation.detail or {}).trials.items()
+        first = next((f"trial '{name}': {trial.divergence}" for name, trial in trials if trial.divergence), None)
+        return f"the simulation diverged ({first or 'no reason on record'})"
     alone = facts.of(evaluation).mean_of("loss")
     turned = alone is not None and evaluation.loss - alone > TAIL_FIRST_LOSS / 2
     without = f" [{mm(alone, 2)} without the {mm(TAIL_FIRST_LOSS, 0)}]" if turned else ""
@@ -142,12 +144,6 @@ def changes(before: Evaluation, point: NDArray[np.float64], space: ParameterSpac
 
 def _short_values(space: ParameterSpace, point: NDArray[np.float64]) -> dict[str, str]:
     return {name: significant(value, _DIGITS) for name, value in space.to_values(point).items()}
-
-
-def _first_divergence(evaluation: Evaluation) -> str | None:
-    """Names the part that diverged first, in a sentence."""
-    trials = FitFigures.model_validate(evaluation.detail or {}).trials.items()
-    return next((f"trial '{name}': {trial.divergence}" for name, trial in trials if trial.divergence), None)
 
 
 def corrections(proposal: Proposal) -> list[str]:

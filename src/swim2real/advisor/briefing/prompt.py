@@ -158,12 +158,8 @@ def _environment() -> Environment:
         environment.globals.update(vars(module))
     extra: dict[str, Any] = {"hypot": math.hypot, "tail_first_loss": TAIL_FIRST_LOSS}
     environment.globals.update(extra)
-    environment.filters["without_blank_lines"] = _without_blank_lines
+    environment.filters["without_blank_lines"] = lambda text: "\n".join(filter(str.strip, text.splitlines()))
     return environment
-
-
-def _without_blank_lines(text: str) -> str:
-    return "\n".join(line for line in text.splitlines() if line.strip())
 
 
 def _template(name: str) -> str:

@@ -152,7 +152,7 @@ def marker_columns(facts: RoundFacts) -> list[Column]:
             "`phase`: simulated minus real; +10 means that the simulated marker is 10 deg of a beat ahead of the real "
             "one, -10 that it comes later."
         )
-        columns.append(Column("phase deg", _phase, said))
+        columns.append(Column("phase deg", lambda marker: number(marker.ahead, 0, signed=True), said))
     if any(marker.offset for marker in facts.here.markers):
         said = f"`offset`: by how much its mean place differs, simulated minus real: {facts.axes.directions}."
         columns.append(Column("offset mm", lambda m: pair(m.offset, 1), said))
@@ -175,10 +175,6 @@ def marker_grid(facts: RoundFacts) -> tuple[str, str] | None:
 
 def _ratio(marker: MarkerFacts) -> str:
     return number(marker.ratio, 2)
-
-
-def _phase(marker: MarkerFacts) -> str:
-    return number(marker.ahead, 0, signed=True)
 
 
 def worst_trials_in_time(trials: Sequence[TrialFacts]) -> list[TrialFacts]:
