@@ -310,8 +310,8 @@ def speeds(runs: Sequence[RunResult]) -> Speeds | None:
         return None
     trials = runs[0].fit.trials
     names = sorted(trials, key=lambda name: (trials[name].frequency or 0.0, name))
-    trials = [[run.fit.trials.get(name) for name in names] for run in runs]
-    simulated = [[None if one is None or one.divergence else one.velocity_simulated for one in row] for row in trials]
+    made = [[run.fit.trials.get(name) for name in names] for run in runs]
+    simulated = [[None if one is None or one.divergence else one.velocity_simulated for one in row] for row in made]
     return Speeds(
         pd.Series({name: trials[name].frequency for name in names}, dtype="float64"),
         pd.Series({name: trials[name].velocity_real for name in names}, dtype="float64"),

@@ -432,10 +432,8 @@ def _markers(found: TrialFigures, protocol: str, names: Sequence[str]) -> tuple[
         return [value if there else None for value, there in zip(values or unknown, seen, strict=True)]
 
     real, simulated = (of_seen(beat.amplitude if beat else size) for beat, size in zip(beats, sizes, strict=True))
-    phases = [
-        of_seen([None if phase is None else math.degrees(phase) for phase in beat.phase] if beat else [])
-        for beat in beats
-    ]
+    angles = [beat.phase if beat else [] for beat in beats]
+    phases = [of_seen([None if angle is None else math.degrees(angle) for angle in row]) for row in angles]
     said = [there and not diverged for there in seen]
     errors: Sequence[Known] = getattr(found, _ERRORS.get(protocol, "aligned_marker_errors")) or unknown
     windows = found.windows.markers if found.windows else []

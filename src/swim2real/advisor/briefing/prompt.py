@@ -158,10 +158,14 @@ def _environment() -> Environment:
         environment.globals.update(vars(module))
     extra: dict[str, Any] = {"hypot": math.hypot, "tail_first_loss": TAIL_FIRST_LOSS}
     environment.globals.update(extra)
-    environment.filters["without_blank_lines"] = lambda text: "\n".join(filter(str.strip, text.splitlines()))
+    environment.filters["without_blank_lines"] = _without_blank_lines
     return environment
 
 
 def _template(name: str) -> str:
     """A template's source, in which a line that ends in a backslash goes on in the next."""
     return (Path(__file__).parent / name).read_text(encoding="utf-8").replace("\\\n", "")
+
+
+def _without_blank_lines(text: str) -> str:
+    return "\n".join(filter(str.strip, text.splitlines()))
