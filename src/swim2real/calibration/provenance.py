@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import platform
 import subprocess
+from collections.abc import Mapping
 from datetime import UTC, datetime
 from importlib import metadata
 from pathlib import Path
@@ -30,7 +31,7 @@ def _version(name: str) -> str:
         return "not installed"
 
 
-def made_by(*libraries: str) -> dict[str, Any]:
+def made_by(*libraries: str) -> Mapping[str, Any]:
     """Versions, commit and time for the file of a result made now; with the versions of further libraries."""
     return {
         "versions": versions() | {name: metadata.version(name) for name in libraries}, "commit": _commit(),

@@ -1,4 +1,4 @@
-"""Episodes of several environments side by side: what can command them, their figures, and what a robot should repeat."""
+"""Episodes of several environments side by side: what can command them, their figures, and what a robot repeats."""
 
 from __future__ import annotations
 
