@@ -168,7 +168,7 @@ class Batch:
 
 
 class _Place:
-    """What a thread needs beside the simulations: memory for a step, and data to compute sensors with."""
+    """Memory and data of one thread beside the simulations: for a step, and to compute sensors with."""
 
     def __init__(self, model: mujoco.MjModel, readers: Sequence[mujoco.MjModel]) -> None:
         self._data = [mujoco.MjData(reader) for reader in readers]

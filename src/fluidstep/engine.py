@@ -27,9 +27,9 @@ from numba.core import types
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
+from swimbase.arrays import Array
 from swimbase.errors import EngineError
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.int32]
 Addresses = NDArray[np.int64]
 

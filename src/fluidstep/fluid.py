@@ -290,7 +290,7 @@ def _momentum(i: Array, v: Array, out: Array) -> None:
 
 @borrowing
 def _change(plan: Plan, state: EngineState, dof: int, out: Array) -> None:
-    """What a velocity adds to the accelerations beyond it, but for the part that grows with their velocity."""
+    """Change of the accelerations with a velocity beyond it, but for the part that grows with their velocity."""
     dot = state.cdof_dot[dof]
     if plan.dof_last[dof] < 0:  # hinges and slides
         for k in range(6):

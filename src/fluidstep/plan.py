@@ -1,4 +1,4 @@
-"""What the fast step knows of a compiled model: whether it applies, and the constants that it computes with."""
+"""Plan of the fast step for a compiled model: says if it applies, and holds the constants that it computes with."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ COLUMNS = 32
 
 
 class Water(NamedTuple):
-    """What a parameter set has of its own.
+    """Fluid of one parameter set, and the constants that depend on it.
 
     Attributes:
         wet: Address of the model.
@@ -82,7 +82,7 @@ class Plan(NamedTuple):
     m_colind: Indices
 
     def same(self, other: Plan) -> bool:
-        """Whether another model has the same structure; its timestep may be another."""
+        """True if another model has the same structure; its timestep may be another."""
         return all(np.array_equal(a, b) for a, b in zip(self[3:], other[3:], strict=True))
 
 
@@ -161,7 +161,7 @@ def _check(model: mujoco.MjModel) -> None:
 
 
 def _geom_constants(model: mujoco.MjModel, geom: int, normalized: bool) -> Array:
-    """What the fluid's formulas need of a geom, after the engine's `mj_ellipsoidFluidModel`. Shape (COLUMNS,)."""
+    """Numbers of a geom for the fluid's formulas, after the engine's `mj_ellipsoidFluidModel`. Shape (COLUMNS,)."""
     interaction, blunt, slender, angular, kutta, magnus = model.geom_fluid[geom, :6]
     if interaction != 1.0:
         raise UnsupportedModelError(f"geom {geom} has a fluid interaction of {interaction}")

@@ -51,7 +51,7 @@ _log = logging.getLogger(__name__)
 
 
 class Steps(NamedTuple):
-    """What steps gave, before each one that was made.
+    """State before each step that was made, and the results of the steps.
 
     Attributes:
         sensors: Readings of the sensors. Shape (made, nsensordata).
@@ -67,7 +67,7 @@ class Steps(NamedTuple):
 
 
 class Members(NamedTuple):
-    """What differs between the parameter sets, one row each: the fields of `Water`, and `read`.
+    """Parameter sets, one row each: the fields of `Water`, and `read`.
 
     Attributes:
         read: Addresses of the models that sensors are computed with.
@@ -88,7 +88,7 @@ class Members(NamedTuple):
 
 
 class Program(NamedTuple):
-    """How steps are made.
+    """Program of a step: the constants and sizes that it is compiled for.
 
     Attributes:
         calls: The engine's functions.
@@ -128,7 +128,7 @@ class Fleet(NamedTuple):
 
 
 class Workplace(NamedTuple):
-    """What a thread needs beside the simulations.
+    """Memory of one thread beside the simulations.
 
     Attributes:
         readers: Addresses of the state that sensors are computed with, of each set. Shape (B, ·).
@@ -140,7 +140,7 @@ class Workplace(NamedTuple):
 
 
 class Kept(NamedTuple):
-    """What was before each step of one simulation, where it is kept; else arrays of no rows.
+    """Arrays that keep the state before each step of one simulation; else arrays of no rows.
 
     Attributes:
         sensors: Shape (steps, nsensordata).
@@ -434,7 +434,7 @@ def _solve(parent: Indices, symmetric: bool, A: Array, b: Array) -> bool:
 
 @borrowing
 def _bad(values: Array) -> bool:
-    """Whether a number counts as diverged."""
+    """True if a number counts as diverged."""
     for value in values:
         if not (value > -_MAX and value < _MAX):  # NaN too
             return True

@@ -18,11 +18,11 @@ from markertrack.track import MarkerTrack
 from markertrack.tracking.tracker import Array
 from swimbase.errors import TrackingError
 
-DISAGREEMENT = 0.02  # of the scale, by which known lengths may differ before a person is told
+DISAGREEMENT = 0.02  # of the scale, by which known lengths may differ before it is reported
 MOST_LISTED = 10  # estimates of a scale that are listed
 LEVEL = 1e-3  # m, heights that count as the same
 _FLATTEST = 1e-3  # of the fit's singular values, below which the points are (nearly) on a line
-LOOSEST_FIT = 0.01  # m, root mean square error of a plane's points before a person is told
+LOOSEST_FIT = 0.01  # m, root mean square error of a plane's points before it is reported
 
 
 def project(plane: Array, points: Array) -> Array:
@@ -95,7 +95,7 @@ def _normalizer(points: Array) -> Array:
 
 @dataclass(frozen=True)
 class Scale:
-    """How large a pixel is, and how well that is known.
+    """Size of a pixel, and its uncertainty.
 
     Attributes:
         meters_per_pixel: The one that is used [m].
@@ -164,7 +164,7 @@ class Camera:
         return MarkerTrack(track.times, points, track.confidence)
 
     def to_pixels(self, positions: Array) -> Array:
-        """Where the camera sees markers in the upright video; undoes `to_meters` [px].
+        """Projects markers into the upright video; undoes `to_meters` [px].
 
         Args:
             positions: In the world, NaN where unknown [m]. Shape (T, M, 2).
@@ -346,7 +346,7 @@ def _middle(heads: Array) -> Array:
 
 
 def _lowered(points: Array, below: Array, heights: Array, camera_height: float) -> Array:
-    """Where the markers stand, from where they seem to lie on the plane: exact, however the camera is tilted.
+    """Places where the markers stand, from those seen on the plane: exact, however the camera is tilted.
 
     Args:
         points: Where the lines of sight meet the plane, in pixels or meters. Shape (T, M, 2).

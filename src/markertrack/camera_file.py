@@ -26,11 +26,10 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
+from swimbase.arrays import Array
 from swimbase.checking import Number, Positive, read
 from swimbase.errors import ArgumentError, TrackingError
 from swimbase.store import write_json, writing
-
-Array = NDArray[np.float64]
 
 FORMAT = 1
 HIGHEST = 50.0  # m above the plane, from which no camera sees a marker
@@ -56,7 +55,7 @@ class Lens:
         return self.camera_matrix[:2, 2]
 
     def undistort(self, points: Array) -> Array:
-        """Where points would lie in the picture of a pinhole camera of the same matrix [px].
+        """Moves points to where a pinhole camera of the same matrix would show them [px].
 
         Args:
             points: NaN stays NaN [px]. Shape (..., 2).
@@ -71,7 +70,7 @@ class Lens:
         return out
 
     def distort(self, points: Array) -> Array:
-        """Where points of the picture of a pinhole camera lie in this camera's picture; undoes `undistort` [px].
+        """Moves points of a pinhole camera's picture to where this camera shows them; undoes `undistort` [px].
 
         Args:
             points: NaN stays NaN [px]. Shape (..., 2).
@@ -101,7 +100,7 @@ class Length:
 
 @dataclass(frozen=True)
 class CameraFile:
-    """What a person knows about a camera; nothing by default.
+    """Knowledge of a person about a camera; nothing by default.
 
     Attributes:
         camera_height: Height above the plane of the head's markers [m].
@@ -233,7 +232,7 @@ class _Lens(_Strict):
 
 
 class _Content(_Strict):
-    """What a camera file says; see the top of this module."""
+    """Content of a camera file; see the top of this module."""
 
     format: Literal[1]
     camera_height: Annotated[Positive, AfterValidator(_in_meters)] | None = None

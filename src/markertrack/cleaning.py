@@ -94,7 +94,7 @@ def smooth(track: MarkerTrack, window: int | None = None) -> MarkerTrack:
 
 
 def beat_gain(window: int, fps: float, frequency: float) -> float:
-    """What smoothing leaves of an oscillation, 1 for all of it.
+    """Share of an oscillation that smoothing leaves, 1 for all of it.
 
     Args:
         window: As for `smooth`.

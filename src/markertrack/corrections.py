@@ -1,4 +1,4 @@
-"""Where a track is doubtful, and corrections by hand, from which a marker is followed in both directions.
+"""Doubtful places of a track, and corrections by hand, from which a marker is followed in both directions.
 
 Markers that fail at about the same time, near one another, are one stretch: a person sees to them together.
 
@@ -101,7 +101,7 @@ def find_stretches(track: MarkerTrack) -> list[Stretch]:
 
 
 def expected_places(track: MarkerTrack) -> Array:
-    """Where each marker should be by its sure frames, between which it moves with its neighbors [px]. Shape (T, M, 2).
+    """Expected places of each marker: between its sure frames it moves with its neighbors [px]. Shape (T, M, 2).
 
     NaN for a marker that was never seen.
     """
@@ -150,7 +150,7 @@ class _Gap:
     _windows: dict[int, tuple[Image, Array]] = field(default_factory=dict[int, tuple[Image, Array]], init=False)
 
     def needs(self, frame: int) -> bool:
-        """Whether a frame lies in the stretch or beside it."""
+        """True if a frame lies in the stretch or beside it."""
         return self.first - 1 <= frame <= self.last + 1
 
     def see(self, frame: int, image: Image) -> None:

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from markertrack.camera import Camera, camera_for
 from markertrack.camera_file import CameraFile
@@ -24,16 +23,15 @@ from markertrack.tracking.markers import MarkerTracker
 from markertrack.tracking.tags import TagTracker
 from markertrack.tracking.tracker import Tracker
 from markertrack.video import Frame, VideoInfo, VideoReader, film_name, film_title
+from swimbase.arrays import Array
 from swimbase.errors import TrackingError
-
-Array = NDArray[np.float64]
 
 AUTO = "auto"  # in place of a points file: the markers are found without a click
 
 
 @dataclass(frozen=True)
 class HowToTrack:
-    """What a person decides of a film's tracking.
+    """Decisions of a person about a film's tracking.
 
     Attributes:
         tags: Dictionary of ArUco or AprilTag markers, as OpenCV names it; None for markers that are dots.
@@ -58,7 +56,7 @@ class HowToTrack:
 
 @dataclass(frozen=True)
 class TrackedFilm:
-    """What was found in a film.
+    """Results of tracking a film.
 
     Attributes:
         info: What the film is.

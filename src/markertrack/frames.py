@@ -7,9 +7,9 @@ points from head to tail, and a swimmer moves toward its -x.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from swimbase.arrays import Array
+
 Pair = tuple[int, int]
 
 HEAD: Pair = (0, 1)

@@ -6,11 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from swimbase.arrays import Array
 from swimbase.errors import TrackingError
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

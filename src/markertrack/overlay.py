@@ -14,10 +14,9 @@ from scipy.optimize import isotonic_regression
 
 from markertrack.drawing import DARK, Bytes, Canvas, Color, Place, plain, text_size, to_pillow
 from markertrack.video import VideoWriter
+from swimbase.arrays import Array, Mask
 from swimbase.errors import ArgumentError
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 States = NDArray[np.int64]
 
 _SEEN, _FILLED, _LOST = 0, 1, 2
@@ -108,7 +107,7 @@ class TrackOverlay(_Overlay):
         self._due = -np.inf  # when the next frame is drawn [s]
 
     def wants(self, time: float, confidence: Array) -> bool:
-        """Whether the next frame is drawn; one that isn't is counted and needn't be added."""
+        """True if the next frame is drawn; one that isn't is counted and needn't be added."""
         drawn = time >= self._due or not np.all(confidence > 0)
         if drawn:
             self._due = time + (1 - _EARLY) / _RATE
@@ -351,7 +350,7 @@ class Inset:
         self.corner = self._best()
 
     def places(self, points: Array) -> Array:
-        """Where places of the picture are in the view [px]. Shape (..., 2)."""
+        """Maps places of the picture into the view [px]. Shape (..., 2)."""
         return (points + 0.5 - self._start()) * self.zoom - 0.5
 
     def cut(self, image: Bytes) -> Image:
@@ -387,7 +386,7 @@ class Inset:
 
 
 def label_places(places: Array, sizes: Sequence[tuple[int, int]], low: Array, high: Array) -> Array:
-    """Where labels stand: in rows at the long sides of a box, by turns, each as close to its marker as there is room.
+    """Places labels in rows at the long sides of a box, by turns, each as close to its marker as there is room.
 
     Args:
         places: Places of the markers, NaN where unknown [px]. Shape (M, 2).

@@ -80,7 +80,7 @@ class Cut:
 
 @dataclass(frozen=True)
 class _Strip:
-    """What is shown of a stretch, frame by frame."""
+    """Frames of a stretch, as the page shows them."""
 
     stretch: Stretch
     cuts: tuple[Cut, ...]

@@ -1,4 +1,4 @@
-"""Where a person says that markers are: points files and corrections files.
+"""Markers placed by a person: points files and corrections files.
 
 The points file is `{"format": 1, "video": "swim.mp4", "width": 3840, "height": 2160, "frame": 0, "markers": {"M0": [x,
 y], …}}`, in pixels of the upright frame; the center of the top-left pixel is (0, 0). A plain list of pairs, in the
@@ -35,7 +35,7 @@ _CORRECT_AGAIN = "make it again on the page of this video's doubtful stretches, 
 
 @dataclass(frozen=True)
 class Anchor:
-    """What a person says of one frame.
+    """Markers of one frame, as a person placed them.
 
     Attributes:
         frame: Number of the frame in the video.
@@ -49,14 +49,14 @@ class Anchor:
 
 
 class _Entry(BaseModel, extra="forbid"):
-    """What a corrections file says of one frame."""
+    """Entry of a corrections file for one frame."""
 
     frame: _FrameNumber
     markers: dict[str, _Pair | None]
 
 
 class _Content(BaseModel, extra="forbid"):
-    """What a file says: markers of one frame by name, a plain list of points, or markers of several frames."""
+    """Content of a file: markers of one frame by name, a plain list of points, or markers of several frames."""
 
     format: Literal[1] = 1
     video: str | None = None
@@ -99,7 +99,7 @@ class _Checked:
                 raise TrackingError(f"{self.file}: unknown marker {quoted(name)}{hint}")
 
     def all_named(self, content: _Content) -> _Markers:
-        """What a points file says, of every marker."""
+        """Reads a points file that must name every marker."""
         expected = f"expected are {len(self.names)}, one for each of {', '.join(self.names)}; {self.remedy}"
         if content.markers is not None:
             self.check_names(content.markers)

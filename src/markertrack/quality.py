@@ -81,7 +81,7 @@ class LostMarkers:
 
     @property
     def usable(self) -> bool:
-        """Whether the trial can be used as it is, without weights."""
+        """True if the trial can be used as it is, without weights."""
         return not self.lost_markers()
 
     def findings(self, names: tuple[str, ...]) -> list[str]:
@@ -294,7 +294,7 @@ def _first_intact(distances: Array, rest: Array) -> int | None:
 
 
 def _usual(lengths: Array, start: int) -> Array:
-    """What a length between two markers usually is: its median, unless that is far from where it started. (M, M)."""
+    """Usual length between two markers: its median, unless that is far from where it started. (M, M)."""
     middle = _median(lengths)
     drift = np.abs(middle) - np.abs(lengths[start])
     shrunk = drift < -(1 - COLLAPSE_SHARE) / 2 * np.abs(lengths[start])  # half way to a collapse
@@ -368,12 +368,12 @@ def _join(lost: Mask, frames: int) -> Mask:
 
 
 def runs(mask: Mask) -> NDArray[np.int64]:
-    """Where what is true begins, and where it ends: the number of the first frame after it. Shapes (T,), (R, 2)."""
+    """Stretches of true values: first frame, and first frame after it. Shapes (T,), (R, 2)."""
     return np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(int), [0]]))).reshape(-1, 2)
 
 
 def _another_unit(track: MarkerTrack, rest: Array) -> str | None:
-    """What is wrong with the size of a track; None where it could be the robot's.
+    """Error in the size of a track, in a sentence; None if it could be the robot's.
 
     Args:
         track: Track of the robot's markers [m].
@@ -401,7 +401,7 @@ def _another_unit(track: MarkerTrack, rest: Array) -> str | None:
 
 
 def _other_order(track: MarkerTrack, rest: Array, names: tuple[str, ...]) -> str | None:
-    """Whether the markers of a chain fit the robot from its end to its beginning, and not as they are.
+    """Doubt that the markers of a chain are in reverse order, in a sentence; None if they fit the robot as they are.
 
     Args:
         track: Track of the robot's markers [m].
@@ -446,7 +446,7 @@ def check_plausible(track: MarkerTrack, rest: Array, names: tuple[str, ...], nam
 
 
 def doubled_rate(frequency: float, nominal: float | None) -> str | None:
-    """Whether a beat is faster than the motor was set to, or half as fast: a loaded motor only lags.
+    """Doubt that a beat is faster than the motor was set to, or half as fast: a loaded motor only lags.
 
     Args:
         frequency: Frequency of the beat [Hz].

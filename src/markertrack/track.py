@@ -5,12 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from markertrack import frames
+from swimbase.arrays import Array, Mask
 from swimbase.errors import TrialError
-
-Array = NDArray[np.float64]
 
 
 def _frozen(array: object) -> Array:
@@ -57,7 +55,7 @@ class MarkerTrack:
         """A track of nothing but time stamps, of a trial that wasn't filmed."""
         return cls(times, np.zeros((len(times), 0, 2)))
 
-    def frames(self, kept: slice | NDArray[np.bool_] | list[bool]) -> MarkerTrack:
+    def frames(self, kept: slice | Mask | list[bool]) -> MarkerTrack:
         """Some of its frames, by a slice or a mask."""
         return MarkerTrack(self.times[kept], self.positions[kept], self.confidence[kept])
 

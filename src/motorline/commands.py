@@ -191,7 +191,7 @@ class CommandTable:
 
 
 def is_speed(column: str) -> bool:
-    """Whether a column is of speeds: its unit is rad/s or m/s."""
+    """True if a column is of speeds: its unit is rad/s or m/s."""
     return split_column(column)[1] in _SPEEDS
 
 
@@ -303,7 +303,7 @@ def _steepest(values: Sequence[float]) -> float:
 
 
 def _header_problem(header: Sequence[str]) -> str:
-    """What is wrong in a header; empty where nothing is."""
+    """Error in a header, in a sentence; empty if there is none."""
     wanted = f"it must be {TIME} and a column an actuator, as '{TIME},{FISH}' or '{TIME},servo1_rad,servo2_rad'"
     if len(header) < 2 or header[0] != TIME:
         return wanted

@@ -26,7 +26,7 @@ _SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP")  # SIGHUP: the connection to the robo
 
 @dataclass(frozen=True)
 class DeployOptions:
-    """What is sent, and how.
+    """Options of a deployment: the table, and the way it is sent.
 
     Attributes:
         motors: Motors file: id and limits of each column's motor. Without it, one XW540-T140-R follows velocity_rad_s.
@@ -149,7 +149,7 @@ def _length(table: CommandTable) -> str:
 
 
 def _extent(table: CommandTable, motors: Sequence[MotorSettings]) -> str:
-    """What the table asks of each motor, and what it may."""
+    """Range of each motor's commands in the table, beside its limits."""
     lines: list[str] = []
     for motor in motors:
         column, limits = motor.column, motor.limits

@@ -28,7 +28,7 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class Identity:
-    """What the motor reports of itself before it is started.
+    """Identity of a motor, as it reports it before it is started.
 
     Attributes:
         model: Name of its model.
@@ -51,7 +51,7 @@ class Identity:
 
 @dataclass(frozen=True)
 class Reading:
-    """What was read back, counted as the motor's column counts.
+    """Reading of a motor, counted as the motor's column counts.
 
     Attributes:
         velocity: Speed [rad/s].

@@ -1,4 +1,4 @@
-"""What is known of each motor before it is reached: its column, id, model, direction and limits; and their file."""
+"""Motors as known before they are reached: column, id, model, direction and limits; and the file that lists them."""
 
 from __future__ import annotations
 

@@ -23,7 +23,7 @@ _PRIORITY = 10  # of 99 for real-time tasks
 
 @dataclass(frozen=True)
 class Punctuality:
-    """How punctual commands were; all figures are 0 where nothing was sent.
+    """Punctuality of commands; all figures are 0 where nothing was sent.
 
     Attributes:
         sent: Commands that were sent.

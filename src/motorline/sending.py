@@ -30,7 +30,7 @@ _MOST_TIME = 0.95  # of the time between two commands, for a command and a readi
 
 @dataclass(frozen=True)
 class SendingResult:
-    """How the commands of a table were sent.
+    """Result of sending a table's commands.
 
     Attributes:
         punctuality: Lateness of the commands.

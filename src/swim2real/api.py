@@ -1,4 +1,4 @@
-"""What a script does with runs in one call: compare parameters, simulate swims, compare methods, read a run.
+"""Calls for scripts: compare parameters, simulate swims, compare methods, read a run.
 
 `swim2real` offers these functions beside those of the rooms, and the command line calls them.
 """

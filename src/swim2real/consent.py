@@ -1,4 +1,4 @@
-"""What a person allows a file from elsewhere to do: run the Python code that it names, or read files that lie outside.
+"""Permission of a person for a file from elsewhere: to run the Python code that it names, or read files outside.
 
 What was allowed is remembered by a hash of what it is, in `allowed.json` in the user's configuration folder, or in the
 folder that the environment variable SWIM2REAL_CONFIG names.
@@ -77,7 +77,7 @@ def require(request: Request, *, allowed: bool = False) -> None:
 
 
 def marks() -> tuple[str, ...]:
-    """What was allowed to this process, for processes that it gives work."""
+    """Marks of what this process was allowed, for processes that it gives work."""
     return tuple(_marks)
 
 
@@ -87,7 +87,7 @@ def trust(marks: Collection[str]) -> None:
 
 
 def folder() -> Path:
-    """Where allowed things are remembered."""
+    """Folder that remembers permissions."""
     given = os.environ.get(FOLDER)
     if given:
         return Path(given)
@@ -109,7 +109,7 @@ def _remember(request: Request) -> None:
 
 
 def _remembered() -> Mapping[str, Any]:
-    """What was allowed before, by its mark; nothing where the file is damaged."""
+    """Permissions given before, by mark; none if the file is damaged."""
     try:
         content = read_json(folder() / FILE)
     except (OSError, ValueError):

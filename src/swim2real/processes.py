@@ -140,7 +140,7 @@ def _block_interrupts() -> None:
 
 
 def _serve(connection: Connection, initializer: Callable[..., object] | None, initargs: tuple[Any, ...]) -> None:
-    """What a process does: it receives work, does it, and sends back whether it succeeded and the result or error."""
+    """Loop of a process: it receives work, does it, and sends back whether it succeeded and the result or error."""
     _end_with_parent()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, _exit)

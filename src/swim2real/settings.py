@@ -1,4 +1,4 @@
-"""What a person decides of a calibration, a comparison, tracking or training: the settings, checked when they are made.
+"""Settings that a person decides of a calibration, a comparison, tracking or training, checked when they are made.
 
 The command line is built from these classes: a field is an option, and the text below it is its help. So the module
 needs the standard library alone, and a number that stands for "all" can be written as 0.
@@ -49,7 +49,7 @@ EXAMPLE_MODELS = {
 
 @dataclass(frozen=True)
 class BriefingSettings:
-    """What a VLM, or a person in its place, gets.
+    """Contents of the briefing of a VLM, or of a person in its place.
 
     Attributes:
         show: Numbers, pictures or both; one alone is an ablation.
@@ -69,7 +69,7 @@ class BriefingSettings:
 
 @dataclass(frozen=True)
 class VlmAccess:
-    """How a VLM is reached and what it may cost. All of it may change when a run is resumed.
+    """Access to a VLM, and its cost. All of it may change when a run is resumed.
 
     Attributes:
         base_url: A server with the provider's protocol, such as vLLM, llama.cpp or Ollama (http://127.0.0.1:8000/v1).
@@ -92,23 +92,21 @@ class VlmAccess:
     once: bool = False
 
     def __post_init__(self) -> None:
-        _finite("timeout", self.timeout, above=0.0, unit=" s")
+        _finite("timeout", self.timeout, unit=" s")
         _least("tries", self.tries, 1)
         _least("reply_tokens", self.reply_tokens, 256)
-        if self.max_calls is not None:
-            _least("max_calls", self.max_calls, 1)
-        if self.max_cost is not None:
-            _finite("max_cost", self.max_cost, above=0.0, unit=" USD")
+        _least("max_calls", self.max_calls, 1)
+        _finite("max_cost", self.max_cost, unit=" USD")
 
 
 def chooses_start(protocol: str) -> bool:
-    """Whether steady swims may begin at rest or at speed under a protocol."""
+    """True if steady swims may begin at rest or at speed under a protocol."""
     return protocol in ("motion", "aligned")
 
 
 @dataclass(frozen=True, kw_only=True)
 class EvaluationSettings:
-    """How parameters are compared with real trials.
+    """Comparison of parameters with real trials.
 
     Attributes:
         protocol: For steady swims. motion: the whole motion in the frame of the path, with the recoil of the head.
@@ -131,17 +129,15 @@ class EvaluationSettings:
 
     def __post_init__(self) -> None:
         _choice("protocol", self.protocol, get_args(ProtocolName))
-        if self.start is not None:
-            _choice("start", self.start, get_args(Start))
+        _choice("start", "rest" if self.start is None else self.start, get_args(Start))
         object.__setattr__(self, "horizon", _horizon(self.horizon))
-        if self.pieces is not None:
-            _finite("pieces", self.pieces, above=0.0, unit=" s")
+        _finite("pieces", self.pieces, unit=" s")
         object.__setattr__(self, "threads", all_cores(self.threads))
 
 
 @dataclass(frozen=True, kw_only=True)
 class CalibrationSettings(EvaluationSettings):
-    """What decides the result of a calibration.
+    """Settings that decide the result of a calibration.
 
     On resume `threads` and `minutes` may change, and the budget may be raised; without a budget, a run that had one is
     finished with multi-start from where it stands.
@@ -194,10 +190,9 @@ class CalibrationSettings(EvaluationSettings):
         _choice("method", self.method, METHODS)
         if self.budget is None and self.method != "multi-start":
             object.__setattr__(self, "budget", PAPER_BUDGET)
-        if self.budget is not None:
-            _least("budget", self.budget, 1)
+        _least("budget", self.budget, 1)
         if self.minutes is not None:
-            _finite("minutes", self.minutes, above=0.0, unit=" min")
+            _finite("minutes", self.minutes, unit=" min")
             if self.budget is not None and not self.finish:
                 raise ArgumentError(
                     f"minutes is {self.minutes:g}, which is for a search until it is done; this one ends after a "
@@ -205,14 +200,11 @@ class CalibrationSettings(EvaluationSettings):
                     f"--finish"
                 )
         if self.finish and self.budget is None:
-            raise ArgumentError("finish goes on when a budget is spent, and there is none: leave it out, or give one")
+            raise ArgumentError("finish needs a budget, as it continues once that is spent: leave it out, or give one")
         _seed(self.seed)
-        if self.starts is not None:
-            _least("starts", self.starts, 1)
-            if self.starts > 1 and self.method not in ADVISED:
-                raise ArgumentError(
-                    f"starts is for {' and '.join(ADVISED)}; method {self.method} has starts of its own"
-                )
+        _least("starts", self.starts, 1)
+        if (self.starts or 1) > 1 and self.method not in ADVISED:
+            raise ArgumentError(f"starts is for {' and '.join(ADVISED)}; method {self.method} has starts of its own")
         if self.first not in FIRST and not Path(self.first).exists() and self.first != FROM_FILE:
             raise ArgumentError(
                 f"first is '{self.first}'; it must be {', '.join(FIRST)}, or a parameters file or run folder, "
@@ -282,8 +274,7 @@ class ComparisonSettings:
         _least("budget", self.budget, 1)
         for protocol in self.protocols:
             _choice("protocols", protocol, get_args(ProtocolName))
-        if self.start is not None:
-            _choice("start", self.start, get_args(Start))
+        _choice("start", "rest" if self.start is None else self.start, get_args(Start))
         for scale in self.scale:
             _choice("scale", scale, get_args(ScaleChoice))
         object.__setattr__(self, "horizon", _horizon(self.horizon))
@@ -297,7 +288,7 @@ class ComparisonSettings:
 
 @dataclass(frozen=True)
 class TrackingSettings:
-    """How markers are tracked in videos.
+    """Settings of marker tracking in videos.
 
     Attributes:
         tracker: detection: finds all markers in every frame anew. aruco: ArUco and AprilTag markers, identified by
@@ -320,7 +311,7 @@ class TrackingSettings:
 
 @dataclass(frozen=True)
 class TrainingSettings:
-    """What decides a training; the defaults are the paper's.
+    """Settings that decide a training; the defaults are the paper's.
 
     The prior work learns once after every 200 transitions: 25,000 updates in 5 million steps. A shorter run makes about
     as many: it still learns after every 200 transitions, but `ceil(5 M / env_steps)` times, and at most 200 times: one
@@ -379,9 +370,8 @@ class TrainingSettings:
             raise ArgumentError(
                 f"environments is {self.environments}; it must divide {TRAIN_FREQ}: 1, 2, 4, 5, 8, 10, 20 …"
             )
-        for name, value in (("updates", self.updates), ("checkpoint_every", self.checkpoint_every)):
-            if value is not None:
-                _least(name, value, 1)
+        _least("updates", self.updates, 1)
+        _least("checkpoint_every", self.checkpoint_every, 1)
         if self.exploration is not None and not 0 <= self.exploration < self.env_steps:
             raise ArgumentError(f"exploration is {self.exploration}; it must be 0 or more and below env_steps")
 
@@ -415,7 +405,7 @@ class TrainingSettings:
 
 @dataclass(frozen=True)
 class IdentifiabilitySettings:
-    """What decides the result of a study of identifiability.
+    """Settings that decide the result of a study of identifiability.
 
     Attributes:
         rounds: Rounds of 32 evaluations, after which the sets that fit are drawn again.
@@ -432,7 +422,7 @@ class IdentifiabilitySettings:
 
 @dataclass(frozen=True)
 class EnsembleSettings:
-    """What decides which parameter sets are in an ensemble.
+    """Settings that decide which parameter sets are in an ensemble.
 
     Attributes:
         within: Highest loss of a member, as a multiple of the lowest.
@@ -478,7 +468,7 @@ def check_advisor(name: str) -> None:
 
 
 def asks_a_vlm(name: str) -> bool:
-    """Whether the advisor of this name is briefed: a VLM, or a person in its place."""
+    """True if the advisor of this name is briefed: a VLM, or a person in its place."""
     return name != PHYSICS and replayed_run(name) is None
 
 
@@ -538,18 +528,21 @@ def all_cores(threads: int | None) -> int | None:
 
 
 def _choice(name: str, value: object, allowed: Iterable[str]) -> None:
+    """Checks that a setting is one of some words."""
     if value not in tuple(allowed):
         raise ArgumentError(f"{name} is '{value}'; there are {', '.join(allowed)}")
 
 
-def _least(name: str, value: int, least: int) -> None:
-    if value < least:
+def _least(name: str, value: int | None, least: int) -> None:
+    """Checks that a setting, where it is given, is large enough."""
+    if value is not None and value < least:
         raise ArgumentError(f"{name} is {value}; it must be at least {least}")
 
 
-def _finite(name: str, value: float, *, above: float, unit: str = "") -> None:
-    if not above < value < math.inf:
-        raise ArgumentError(f"{name} is {value:g}{unit}; it must be finite and above {above:g}")
+def _finite(name: str, value: float | None, unit: str) -> None:
+    """Checks that a setting, where it is given, is above 0 and finite."""
+    if value is not None and not 0 < value < math.inf:
+        raise ArgumentError(f"{name} is {value:g}{unit}; it must be finite and above 0")
 
 
 def _horizon(seconds: float | None) -> float | None:

@@ -1,1 +1,1 @@
-"""What the four packages share: errors, whole files, checked content, names and text from outside."""
+"""Base of the four packages: errors, whole files, checked content, names and text from outside, types of arrays."""

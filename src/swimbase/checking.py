@@ -1,4 +1,4 @@
-"""What comes from outside is checked against a model; what is wrong is said in one sentence.
+"""Checks of content from outside against a model; an error is said in one sentence.
 
 A model is a pydantic model or a dataclass. The sentence names the key, its value, what is allowed, and what to do.
 """
@@ -146,9 +146,9 @@ def explained(detail: ErrorDetails) -> str:
 
 
 def _key_path(location: Sequence[str | int]) -> str:
-    """Where something stands in nested tables and lists, such as `markers.M0[1]`.
+    """Place in nested tables and lists, such as `markers.M0[1]`.
 
-    Names in angle brackets are left out: tags that tell the members of a union apart.
+    Names in angle brackets are left out: tags of a union's members.
     """
     path = ""
     for key in location:

@@ -1,4 +1,4 @@
-"""How text from outside is shown: characters that aren't seen as codes, and Markdown that stays text.
+"""Text from outside, made fit to be shown: characters that aren't seen as codes, and Markdown that stays text.
 
 HTML is escaped by the templates of `report`, which use `visible` as well, and by `tracking.pages`; a page runs its own
 script alone. A terminal gets text through `cli.terminal`.
@@ -17,12 +17,12 @@ _ADDRESS = re.compile(r"^( {0,3})\[(?=[^]\n]*]:)", re.MULTILINE)  # of links tha
 
 
 def is_seen(character: str) -> bool:
-    """Whether a character is a letter, mark, digit, sign or space, and no control, format or private character."""
+    """True if a character is a letter, mark, digit, sign or space, and no control, format or private character."""
     return character.isprintable() or unicodedata.category(character) == "Zs"
 
 
 class _Codes(dict[int, str]):
-    """What takes the place of each character; looked up once."""
+    """Replacement of each character; looked up once."""
 
     def __missing__(self, code: int) -> str:
         character = chr(code)
@@ -51,5 +51,5 @@ def plain_markdown(text: str) -> str:
 
 
 def script_source(script: str) -> str:
-    """What a page's Content-Security-Policy says of its own script: a browser then runs no other one on the page."""
+    """Source in a page's Content-Security-Policy for its own script: a browser then runs no other one on the page."""
     return f"'sha256-{base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()}'"

@@ -1,4 +1,4 @@
-"""What a name from outside may be.
+"""Names from outside, and their limits.
 
 A **file name** becomes part of a path: that of a trial, or of a folder made of one. It is good on every system. A
 **label** is only shown: of a robot, marker, parameter, joint, actuator, sensor, column, or a unit. Both are a line of
@@ -60,7 +60,7 @@ def composed(name: str) -> str:
 
 
 def file_key(name: str) -> str:
-    """What two names have in common that some system takes for one: the same letters in another form or case."""
+    """Key that two names share if some system takes them for one: the same letters in another form or case."""
     return composed(name).casefold()
 
 

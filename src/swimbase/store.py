@@ -235,7 +235,7 @@ def read_bytes(path: str | Path, most: int) -> bytes:
         if size > most:
             raise ValueError(f"it has {size / 1e6:.1f} MB; at most {most / 1e6:g} MB are read")
         content = file.read(most + 1)
-    if len(content) > most:  # it grew, or its size isn't told
+    if len(content) > most:  # it grew, or its size isn't known
         raise ValueError(f"it has more than {most / 1e6:g} MB; at most that is read")
     return content
 
@@ -271,7 +271,7 @@ def read_json(path: str | Path, most: int = MOST_JSON) -> Any:
 
 
 def from_json(content: bytes | str) -> Any:
-    """What a JSON text says.
+    """Parses a JSON text.
 
     Raises:
         ValueError: It isn't JSON in UTF-8, or it holds what no file of ours does: a name with two values, numbers
@@ -295,7 +295,7 @@ def from_json(content: bytes | str) -> Any:
 
 
 def from_toml(content: bytes) -> dict[str, Any]:
-    """What a TOML text says.
+    """Parses a TOML text.
 
     Raises:
         ValueError: It isn't TOML in UTF-8, is nested too deeply, or holds a number with more than 40 digits or a text
@@ -341,7 +341,7 @@ def _keep_constant(constants: list[str], name: str) -> float:
 
 
 def _place_of_constant(content: Any) -> str:
-    """Where the first number that isn't finite stands, as in `'lens.points[1]'`."""
+    """Place of the first number that isn't finite, as in `'lens.points[1]'`."""
     place, entry = "", content
     while not isinstance(entry, float):
         entries: Iterable[tuple[Any, Any]] = entry.items() if isinstance(entry, dict) else enumerate(entry)
@@ -480,7 +480,7 @@ def path_from(folder: Path, file: Path) -> str:
 
 
 def source_from(folder: Path, source: str) -> str:
-    """Where something came from, as a file in a folder says it: the place of what is there, other words as they are.
+    """Origin of something, as a file in a folder says it: the place of what is there, other words as they are.
 
     `source_at` reads it, and what earlier versions wrote: an absolute path, or one from where they were started.
     """
@@ -488,7 +488,7 @@ def source_from(folder: Path, source: str) -> str:
 
 
 def source_at(folder: Path, source: str) -> str:
-    """Where something came from, seen from here."""
+    """Origin of something, seen from here."""
     there = folder / source
     return os.path.normpath(there) if source and there.exists() else source
 

@@ -77,7 +77,7 @@ def test_a_method_with_a_budget_is_finished_as_one_command(reference, tmp_path):
     assert [(one.budget, one.finish, one.first) for one in settings] == [(4, True, "file")] * 2
     with pytest.raises(ArgumentError, match="first is 'middle'; it must be auto, model, random, or a parameters file"):
         CalibrationSettings(first="middle")
-    with pytest.raises(ArgumentError, match="finish goes on when a budget is spent, and there is none"):
+    with pytest.raises(ArgumentError, match="finish needs a budget"):
         CalibrationSettings(finish=True)
     assert CalibrationSettings(advisor="files", finish=True, minutes=2).budget == 40
 

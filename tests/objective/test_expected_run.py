@@ -109,7 +109,7 @@ def test_the_clock_begins_with_the_first_command():
 
 def test_what_does_not_fit_is_a_sentence(tmp_path):
     run, trial = expected(swim()), filmed(*swim())
-    with pytest.raises(ArgumentError, match="is told by the markers M0 and M1; the trials have A, B: track M0, too"):
+    with pytest.raises(ArgumentError, match="has the markers M0 and M1; the trials have A, B: track M0, too"):
         compare_run(run, TrialSet((trial,), ("A", "B")), trial)
     path = tmp_path / "commands.expected.json"
     path.write_text(json.dumps(run.model_dump()))

@@ -6,22 +6,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from made_pages import ROBOT, SPACE, Run, longer, page_of, searched, seen_by, shown_of, swim
+from made_pages import ROBOT, Run, longer, page_of, searched, seen_by, swim
 
-from swim2real.calibration import Problem, SavedTrial
-from swim2real.objective import ComparedTrial
-from swim2real.report import film as page_film
+from swim2real.calibration import SavedTrial
 from swim2real.report.film import Film, Picture, films
-from swim2real.report.pages import write_page
-from swim2real.robots.fish import FISH, FISH_ROLLING
-from swim2real.simulation import Simulator, Swim
-from swim2real.trials import Actuation, TrialSet
 
 LOST = -(2**15)
 
 
 def film_of(trial) -> Film:
-    (film,) = films([SavedTrial(False, trial)], ROBOT, SPACE.published)
+    (film,) = films([SavedTrial(False, trial)], ROBOT)
     return film
 
 
@@ -61,43 +55,13 @@ def test_a_simulation_that_diverged_and_one_that_goes_astray() -> None:
 def test_many_long_trials_stay_small_and_say_what_is_cut(tmp_path: Path) -> None:
     trial = swim("f1_00", 1.0, 0.02)
     long = longer(trial, 60 * 100, 60)
-    made = films([SavedTrial(False, replace(long, name=f"t{i}")) for i in range(24)], ROBOT, {})
+    made = films([SavedTrial(False, replace(long, name=f"t{i}")) for i in range(24)], ROBOT)
     assert sum(len(film.picture.real) + len(film.picture.simulated) for film in made) < 3.2e5
     assert {film.cut is None for film in made} == {False}
     assert film_of(long).cut == pytest.approx(899 / 30)
     assert film_of(trial).cut is None
-    assert films([SavedTrial(False, trial)], replace(ROBOT, marker_names=()), {}) == ()
+    assert films([SavedTrial(False, trial)], replace(ROBOT, marker_names=())) == ()
     assert 'id="film"' not in page_of(searched(tmp_path / "run"))
-
-
-@pytest.fixture(scope="module")
-def rolling() -> ComparedTrial:
-    """A swim of the fish that rolls against itself."""
-    swims = [Swim("f1_50", Actuation(1.5, 2.5, 0.1), 2.0)]
-    (trial,) = Simulator(FISH_ROLLING, sample_interval=1 / 60).simulate(FISH_ROLLING.space.published, swims)
-    problem = Problem(FISH_ROLLING, TrialSet((trial,), FISH_ROLLING.marker_names))
-    return problem.evaluate(FISH_ROLLING.space.published).trials[0]
-
-
-def test_a_hull_that_rolls_is_seen_from_ahead_too(
-    rolling: ComparedTrial, simulated: None, monkeypatch: pytest.MonkeyPatch, repeatable_swims: None
-) -> None:
-    saved = [SavedTrial(False, rolling)]
-    (film,) = films(saved, FISH_ROLLING, FISH_ROLLING.space.published)
-    assert film.ahead is not None
-    real, shown = (positions(film.ahead, side) for side in (film.ahead.real, film.ahead.simulated))
-    assert np.isnan(real[:, 9:]).all()
-    assert np.abs(real[:, :9] - shown[:, :9]).max() < 3.0  # mm
-    right, up = np.moveaxis(shown[:, 10] - shown[:, 9], -1, 0)
-    assert film.roll == pytest.approx(np.degrees(np.ptp(np.arctan(right / up))) / 2, rel=0.1)
-    assert film.roll == pytest.approx(6.4, abs=0.5)
-    tip = positions(film.picture, film.picture.simulated)[:, 8, 1]
-    assert np.corrcoef(shown[:, 8, 0], tip)[0, 1] < -0.9  # what is up from above is left from ahead
-    assert films(saved, FISH, FISH.space.published)[0].ahead is None
-    monkeypatch.setattr(page_film, "_BYTES_AHEAD", 5_000)
-    small = films(saved, FISH_ROLLING, FISH_ROLLING.space.published)[0].ahead
-    assert len(small.real + small.simulated) < 5_500
-    np.testing.assert_array_equal(positions(small, small.simulated), shown[:: small.every])
 
 
 @pytest.fixture
@@ -129,32 +93,6 @@ def test_a_browser_plays_it(finished: Run, tmp_path: Path) -> None:
     assert not blank
     assert trials == ["0.50 Hz, f0_50", "1.00 Hz, f1&lt;b&gt;00", "1.30 Hz, f1_75 (held out)"]
     assert label == "Pause"
-
-
-@pytest.mark.slow
-def test_a_browser_plays_both_views_at_once(
-    finished: Run, rolling: ComparedTrial, simulated: None, tmp_path: Path
-) -> None:
-    made = films([SavedTrial(False, rolling)], FISH_ROLLING, FISH_ROLLING.space.published)
-    context = replace(shown_of(finished), films=(replace(made[0], ahead=None), *made))
-    page = write_page(
-        tmp_path / "made.html", context, "run.html.j2", "report.js calls.js film.js", "calls.css film.css"
-    )
-    hidden, moved, said = seen_by(
-        page.read_text(encoding="utf-8"),
-        tmp_path / "page.html",
-        """const trial = document.querySelector(".trial"), time = document.querySelector(".time");
-        const hidden = document.querySelector(".ahead").hidden;
-        trial.selectedIndex = 1; trial.dispatchEvent(new Event("change"));
-        const pictures = [...document.querySelectorAll(".views canvas")];
-        const before = pictures.map((one) => one.toDataURL());
-        time.value = 0.4; time.dispatchEvent(new Event("input"));
-        return [hidden, pictures.map((one, i) => one.toDataURL() !== before[i]),
-                document.querySelector(".ahead figcaption").textContent];""",
-    )
-    assert hidden
-    assert moved == [True, True]
-    assert said == f"From ahead: the simulated hull rolls by {made[0].roll:.1f}° to either side. Lines are 20 mm apart."
 
 
 @pytest.mark.slow

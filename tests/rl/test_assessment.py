@@ -13,8 +13,7 @@ from swim2real.rl.assessment import Wave, assess, compare_loops, policy_commands
 from swim2real.rl.body import Actuators
 from swim2real.rl.conditions import Disturbances, StateEstimate
 from swim2real.rl.environment import make_environments
-from swim2real.rl.expectation import expect
-from swim2real.rl.rollout import EpisodeStatistics, followed, load_policy, repeated, run_episodes, save_episodes
+from swim2real.rl.rollout import EpisodeStatistics, expect, followed, load_policy, repeated, run_episodes, save_episodes
 from swim2real.rl.training import train
 from swim2real.rl.training_run import TrainingRun
 from swim2real.robots import load_robot

@@ -123,7 +123,7 @@ def test_a_run_that_is_killed_after_its_last_checkpoint_has_its_last_policy(
         raise Killed
 
     with monkeypatch.context() as patch:
-        patch.setattr("swim2real.rl.training.write_checkpoint", killed)
+        patch.setattr("swim2real.rl.learner.write_checkpoint", killed)
         with pytest.raises(Killed):
             trained(tmp_path / "run", resume=True)
     assert trained(tmp_path / "run", resume=True).complete

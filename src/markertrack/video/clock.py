@@ -58,7 +58,7 @@ class Clock:
             self._last += count * self.interval
 
     def place(self, stamp: Fraction) -> float:
-        """Where a stamp lies in time [s]; below 0 before the first frame."""
+        """Time of a stamp [s]; below 0 before the first frame."""
         return -float(self.interval) if self._origin is None else float(stamp - self._origin)
 
     def notes(self) -> list[str]:

@@ -71,14 +71,14 @@ def _judged(picture: Picture, scores: Sequence[_Score | None]) -> Picture:
 
 
 def _gap(stamps: Sequence[int | None]) -> bool:
-    """Whether pictures are missing right before or after the last but one, so that things have moved on by more."""
+    """True if pictures are missing right before or after the last but one, so that things have moved on by more."""
     known = [stamp for stamp in stamps if stamp is not None]
     steps = [after - before for before, after in pairwise(known)]
     return len(known) == len(stamps) and max(steps[-2:]) > LONG * min(steps)
 
 
 def _score(before: Gray, now: Gray, after: Gray) -> _Score | None:
-    """By how much a picture differs from both its neighbors, beyond what these do; None where it can't be told."""
+    """By how much a picture differs from both its neighbors, beyond what these do; None where it is unknown."""
     if not before.shape == now.shape == after.shape or min(now.shape) < BLOCKS * BLOCK:
         return None
     blocks = _differences(before, now, after) / (BLOCK * BLOCK / 2)

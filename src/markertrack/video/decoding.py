@@ -1,6 +1,6 @@
 """Opens a video file and decodes its stream; broken pictures are left out, and those that depend on them are marked.
 
-A rate that nothing in the film states is made up by FFmpeg: it is told which one, so that it is recognized.
+A rate that nothing in the film states is made up by FFmpeg: the choice is given to it, so that it is recognized.
 
 A file may come from anywhere. FFmpeg reads it and no other: formats that name other files or addresses aren't opened,
 and sizes and counts that no camera has are refused before a picture is decoded.
@@ -35,7 +35,7 @@ FORMATS = (  # films and pictures, each whole in one file
     "mov", "mp4", "m4a", "3gp", "3g2", "mj2", "matroska", "webm", "avi", "mpegts", "mpeg", "mpegvideo", "m4v", "h264",
     "hevc", "obu", "av1", "ivf", "vc1", "h263", "mjpeg", "flv", "asf", "ogg", "nut", "mxf", "dv", "wtv", "gif", "apng",
     "yuv4mpegpipe", "cine", "dhav", "image2", "png_pipe", "jpeg_pipe", "tiff_pipe", "bmp_pipe", "webp_pipe",
-    "wav",  # so that sound is told as such
+    "wav",  # so that sound is reported as such
 )  # fmt: skip
 MOST_PIXELS = 40_000_000  # of a picture: 8K has 33 million
 MOST_STREAMS = 32
@@ -145,7 +145,7 @@ def no_picture(path: Path) -> str:
 
 @dataclass(frozen=True)
 class Stated:
-    """What a film states of itself.
+    """Statements of a film about itself.
 
     Attributes:
         base: Unit of its time stamps [s].
@@ -257,7 +257,7 @@ class Decoder:
 
     @property
     def is_picture(self) -> bool:
-        """Whether the file is a single picture, which Pillow reads better."""
+        """True if the file is a single picture, which Pillow reads better."""
         return self._container.format.name == "image2" or self._container.format.name.endswith("_pipe")
 
     @property

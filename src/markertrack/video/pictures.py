@@ -25,7 +25,7 @@ _MOST_NAMED = 4
 
 
 def film_title(path: Path) -> str:
-    """What a film is called: by its file, its folder, or what its pattern begins with; its stem names the trial."""
+    """Name of a film: its file, its folder, or what its pattern begins with; its stem names the trial."""
     if is_pattern(path):
         return f"{_COUNTER.split(path.name)[0].rstrip('_-. ') or path.parent.resolve().name}.pictures"
     return f"{path.resolve().name}.pictures" if path.is_dir() else path.name
@@ -42,7 +42,7 @@ def film_files(path: Path) -> list[Path]:
 
 
 def is_pattern(path: Path) -> bool:
-    """Whether a path is no file, but names many by a number, as `frame_%04d.png` does."""
+    """True if a path is no file, but names many by a number, as `frame_%04d.png` does."""
     return len(_COUNTER.findall(path.name)) == 1 and not path.exists()
 
 

@@ -39,7 +39,7 @@ _RESIZED = "{frames} of another size, {when}; scaled to that of the first"
 
 @dataclass(frozen=True)
 class VideoInfo:
-    """What a file states about itself.
+    """Statements of a file about itself.
 
     Attributes:
         path: Path of the file.
@@ -374,7 +374,7 @@ def _no_film(path: Path) -> str:
 
 
 def _display(stored: VideoFrame) -> tuple[bool, int]:
-    """Whether a picture is mirrored left for right, and by how much it is turned clockwise then [degrees]."""
+    """Mirroring left for right of a picture, and its clockwise turn after that [degrees]."""
     data = stored.side_data.get("DISPLAYMATRIX")
     if data is None:
         return False, 0
@@ -385,7 +385,7 @@ def _display(stored: VideoFrame) -> tuple[bool, int]:
 
 
 def _in_time(work: Callable[[], Result], seconds: float) -> Result:
-    """What a function returns, or raises.
+    """Calls a function and returns its result, or raises its error.
 
     Raises:
         TimeoutError: It takes longer [s]; it is left to itself then, in a thread of its own.

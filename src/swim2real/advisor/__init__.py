@@ -5,10 +5,5 @@ from swim2real.advisor.physics import PhysicsAdvisor, SensitivityAdvisor
 from swim2real.advisor.vlm.advisor import AdvisorEvent
 
 __all__ = [
-    "AdvisorContext",
-    "AdvisorEvent",
-    "PhysicsAdvisor",
-    "ProbingAdvisor",
-    "SensitivityAdvisor",
-    "make_advisor",
-]
+    "AdvisorContext", "AdvisorEvent", "PhysicsAdvisor", "ProbingAdvisor", "SensitivityAdvisor", "make_advisor",
+]  # fmt: skip

@@ -25,7 +25,7 @@ from swimbase.errors import ArgumentError
 
 @dataclass(frozen=True)
 class AdvisorContext:
-    """What an advisor that is shown trials needs of its run.
+    """Parts of a run that an advisor needs which is shown trials.
 
     Attributes:
         run: Folder of the run, for the transcript.

@@ -2,32 +2,16 @@
 
 from swim2real.calibration.file_models import Outcome
 from swim2real.calibration.loop import Progress, minimize
-from swim2real.calibration.outcome import conclude
 from swim2real.calibration.problem import Problem
 from swim2real.calibration.protocols import RealSwim, examine_swims, protocol_for
-from swim2real.calibration.provenance import commit, reference_fingerprint, versions
+from swim2real.calibration.provenance import made_by, reference_fingerprint, versions
 from swim2real.calibration.run_folder import RunFolder
 from swim2real.calibration.run_settings import RunSettings
-from swim2real.calibration.saved_trials import SavedTrial, load_trials
+from swim2real.calibration.saved_trials import SavedTrial, conclude, load_trials
 from swim2real.calibration.sensitivity import Sensitivity, Slopes, sensitivities
 
 __all__ = [
-    "Outcome",
-    "Problem",
-    "Progress",
-    "RealSwim",
-    "RunFolder",
-    "RunSettings",
-    "SavedTrial",
-    "Sensitivity",
-    "Slopes",
-    "commit",
-    "conclude",
-    "examine_swims",
-    "load_trials",
-    "minimize",
-    "protocol_for",
-    "reference_fingerprint",
-    "sensitivities",
-    "versions",
-]
+    "Outcome", "Problem", "Progress", "RealSwim", "RunFolder", "RunSettings", "SavedTrial", "Sensitivity", "Slopes",
+    "conclude", "examine_swims", "load_trials", "made_by", "minimize", "protocol_for", "reference_fingerprint",
+    "sensitivities", "versions",
+]  # fmt: skip

@@ -1,4 +1,4 @@
-"""Whether a run has found what it could: what a record tells of it, in a sentence with what to do."""
+"""Convergence of a run, judged by its record, in a sentence with what to do."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ def never_beaten(entries: Sequence[RecordedEvaluation], settings: CalibrationSet
 
 
 def marker_noise(tracks: Sequence[MarkerTrack]) -> float | None:
-    """How far a marker is off where it was seen, from frame to frame [m]; median over markers, mean over tracks."""
+    """Noise of a marker where it was seen, from frame to frame [m]; median over markers, mean over tracks."""
     scattered = [_scatter(track.positions) for track in tracks if track.marker_count]
     found = [float(np.sqrt(2) * np.nanmedian(one)) for one in scattered if np.isfinite(one).any()]
     return float(np.mean(found)) if found else None
@@ -116,7 +116,7 @@ def standing(
     entries: Sequence[RecordedEvaluation], settings: RunSettings, outcome: Outcome | None, space: ParameterSpace,
     sensors: Sequence[Sensor] = (),
 ) -> tuple[str, ...]:  # fmt: skip
-    """Where a search without a budget stands, in sentences; none for a run that a budget ends.
+    """State of a search without a budget, in sentences; none for a run that a budget ends.
 
     Args:
         entries: Evaluations on record.

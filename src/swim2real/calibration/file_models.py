@@ -1,4 +1,4 @@
-"""What the files of a run folder must be like, wherever they come from: settings, record and outcome.
+"""Models of the files of a run folder, wherever they come from: settings, record and outcome.
 
 What is checked here is what is read again; keys that a later version adds are kept as they are.
 """
@@ -23,7 +23,7 @@ class _Part(BaseModel):
 
 
 class Proposal(_Part):
-    """What an advisor proposed."""
+    """Proposal of an advisor."""
 
     point: list[Number]
     diagnosis: Text = ""
@@ -32,7 +32,7 @@ class Proposal(_Part):
 
 
 class _Note(_Part):
-    """How a candidate came about."""
+    """Origin of a candidate."""
 
     source: Text | None = None
     start: Whole | None = None
@@ -59,7 +59,7 @@ class RecordedEvaluation(_Part):
 
 
 class TrialSummary(_Part):
-    """What was found in a real trial."""
+    """Findings in a real trial."""
 
     usable: bool | None = None
     findings: list[Text] = []
@@ -84,7 +84,7 @@ class TrialSummary(_Part):
 
 
 class Outcome(_Part):
-    """What a run found: the content of its `outcome.json`.
+    """Findings of a run: the content of its `outcome.json`.
 
     Attributes:
         fit: Figures on the fitted trials.

@@ -55,7 +55,7 @@ def from_rest(simulator: Simulator, values: Values, frequencies: Mapping[str, fl
 
 
 def swims_from_rest(frequencies: Mapping[str, float]) -> list[Swim]:
-    """What `from_rest` asks of a simulator."""
+    """Swims that `from_rest` requests of a simulator."""
     return [Swim(name, Actuation(f), 2 * math.ceil(_SETTLING * f) / f) for name, f in frequencies.items()]
 
 
@@ -79,7 +79,7 @@ def backward_from_rest(found: Mapping[str, FromRest]) -> str | None:
 
 
 def settled(trial: Trial, frequency: float) -> FromRest:
-    """What came of one of those swims.
+    """Result of one of those swims.
 
     Args:
         trial: The simulated swim.
@@ -94,7 +94,7 @@ def settled(trial: Trial, frequency: float) -> FromRest:
 
 
 def backward_at_first(trial: Trial, frequency: float) -> float:
-    """How far a swim from rest goes backward in its second beat [m]; 0 where it doesn't, or diverged.
+    """Distance that a swim from rest goes backward in its second beat [m]; 0 where it doesn't, or diverged.
 
     As the parameters change this changes smoothly, where the settled speed jumps. By a threshold of this way alone 98 %
     of 250 swims near a fit of the fish that rolls settle head first or tail first.

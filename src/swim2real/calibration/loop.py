@@ -38,7 +38,7 @@ _PRIOR = 0.01  # of the first residual's length: what the way over a parameter's
 
 @dataclass(frozen=True)
 class Progress:
-    """What a person wants to see after each evaluation.
+    """Progress of a run after an evaluation.
 
     Attributes:
         done: Evaluations so far.
@@ -80,11 +80,10 @@ def minimize(
         budget: Simulation evaluations, those on record included; None to search until the optimizer is done.
         folder: Locked by the caller, with settings written.
         on_progress: Called after every evaluation.
-        prior: Point of the unit cube near which parameters that the trials don't tell are to stay: optimizers that take
-            residuals are told the way from it as well, a whole range as a hundredth of the first residual. Losses
-            don't know of it. Shape (d,).
+        prior: Point of the unit cube that undetermined parameters stay near; least squares gets the distance as extra
+            residuals, a whole range as a hundredth of the first residual. Losses don't contain it. Shape (d,).
         minutes: Longest search without a budget, evaluations on record apart.
-        slopes: Told of residuals that an optimizer asks for.
+        slopes: Takes the residuals that an optimizer asks for.
         earlier: Evaluations of another method before that search, whose time doesn't count.
 
     Returns:
@@ -135,7 +134,8 @@ def minimize(
         if improved or best is None:
             best = entry
         if (best is not before and not replayed) or index == len(recorded) - 1:  # once for all that is replayed
-            _write_best(folder, problem, best)
+            with writing(folder.best_path, RunError, "--resume goes on"):
+                write_fit(folder.best_path, problem, best.values, loss=best.loss, evaluation=best.index)
         residual = comparison.residual_vector() if comparison is not None and optimizer.needs_residual else None
         if residual is not None and slopes is not None and not entry.failed:
             slopes.add(candidate.point, residual)
@@ -201,17 +201,11 @@ def _check_replay(
 
 
 def _same_values(recorded: Values, values: Values) -> bool:
-    """Whether values are those of a candidate; another processor may give its logarithms other last digits."""
+    """True if values are those of a candidate; another processor may give its logarithms other last digits."""
     return all(
         name in recorded and math.isclose(recorded[name], value, rel_tol=1e-9, abs_tol=1e-300)
         for name, value in values.items()
     )
-
-
-def _write_best(folder: RunFolder, problem: Problem, entry: RecordedEvaluation) -> None:
-    """Writes the incumbent as the run's parameters file."""
-    with writing(folder.best_path, RunError, "--resume goes on"):
-        write_fit(folder.best_path, problem, entry.values, loss=entry.loss, evaluation=entry.index)
 
 
 def write_fit(path: Path, problem: Problem, values: Values, **notes: Any) -> None:

@@ -130,7 +130,7 @@ class Problem:
         return blocks
 
     def examinations(self) -> dict[str, dict[str, Any]]:
-        """What was found in each real trial, ready for JSON."""
+        """Findings in each real trial, ready for JSON."""
         return {prepared.trial.name: dict(prepared.examination) for prepared in self.prepared}
 
     def check_fit(self, values: Values) -> dict[str, FromRest]:

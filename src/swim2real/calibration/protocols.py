@@ -1,4 +1,4 @@
-"""How real and simulated trials are compared: the one place that knows one kind of trial from another.
+"""Protocols, by which real and simulated trials are compared: the one place that distinguishes kinds of trials.
 
 A protocol says how a real trial is prepared (what is asked of the simulator, from which start, for how long; which
 marker-frames count; the real side of the comparison, worked out once) and how a simulated trial is matched with it.
@@ -66,7 +66,7 @@ class Protocol(ABC, Generic[Model]):
 
     @abstractmethod
     def simulator(self, robot: Robot, threads: int | None = None) -> Model:
-        """What simulates the robot's trials, that many at a time; None for all cores."""
+        """Makes the simulator of the robot's trials, that many at a time; None for all cores."""
 
     @abstractmethod
     def prepare(
@@ -156,7 +156,7 @@ def examine_swims(reference: TrialSet, robot: Robot) -> tuple[RealSwim, ...]:
 
 
 class _Steady(Protocol[Simulator]):
-    """What the two protocols of steady swims share."""
+    """Parts that both protocols of steady swims share."""
 
     fit_phase: ClassVar[bool]
     whole_motion: ClassVar[bool] = False
@@ -173,13 +173,13 @@ class _Steady(Protocol[Simulator]):
         return compare_steady(target, simulated, fit_phase=self.fit_phase)
 
     def check_fit(self, simulator: Simulator, values: Values, prepared: Sequence[PreparedTrial]) -> dict[str, FromRest]:
-        """How each trial's beat swims from rest, and beats between those of two trials that lie far apart."""
+        """Simulates how each trial's beat swims from rest, and beats between those of two trials that lie far apart."""
         frequencies = {one.trial.name: one.request.actuation.frequency for one in prepared}
         return from_rest(simulator, values, frequencies | _between(frequencies))
 
     @abstractmethod
     def actuation(self, swim: RealSwim) -> Actuation:
-        """What drives the simulated motor, and the speed from which it starts."""
+        """Drive of the simulated motor, and the speed from which it starts."""
 
     def _prepared(self, swim: RealSwim, robot: Robot, simulator: Simulator, horizon: float | None) -> PreparedTrial:
         trial, actuation = swim.trial, self.actuation(swim)
@@ -344,7 +344,7 @@ def _summary(
     names: tuple[str, ...],
     doubts: list[str],
 ) -> dict[str, Any]:
-    """What was found in a real trial, ready for JSON."""
+    """Findings in a real trial, ready for JSON."""
     return rounded(
         {
             "nominal_frequency": trial.nominal_frequency,

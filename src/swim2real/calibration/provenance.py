@@ -1,12 +1,15 @@
-"""What a result needs to be told apart from another: versions, commit, and a fingerprint of the reference."""
+"""Provenance of a result, which distinguishes it from others: versions, commit, a fingerprint of the reference."""
 
 from __future__ import annotations
 
 import hashlib
 import platform
 import subprocess
+from collections.abc import Mapping
+from datetime import UTC, datetime
 from importlib import metadata
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -28,26 +31,27 @@ def _version(name: str) -> str:
         return "not installed"
 
 
-def commit() -> str | None:
+def made_by(*libraries: str) -> Mapping[str, Any]:
+    """Versions, commit and time for the file of a result made now; with the versions of further libraries."""
+    return {
+        "versions": versions() | {name: metadata.version(name) for name in libraries}, "commit": _commit(),
+        "created": datetime.now(UTC).isoformat(timespec="seconds"),
+    }  # fmt: skip
+
+
+def _commit() -> str | None:
     """Commit of the checkout that this code runs from; None when it is installed otherwise."""
-    here = Path(__file__).resolve().parent
     try:
-        top = subprocess.run(
-            ["git", "-C", str(here), "rev-parse", "--show-toplevel"],
-            capture_output=True,
-            text=True,
-            timeout=5,
-            check=True,
-        ).stdout.strip()
-        if not (Path(top) / "src" / "swim2real").is_dir():
+        if not (Path(_git("rev-parse", "--show-toplevel")) / "src" / "swim2real").is_dir():
             return None
-        found = subprocess.run(
-            ["git", "-C", str(here), "describe", "--always", "--dirty", "--abbrev=12"],
-            capture_output=True, text=True, timeout=5, check=True,
-        )  # fmt: skip
+        return _git("describe", "--always", "--dirty", "--abbrev=12") or None
     except (OSError, subprocess.SubprocessError):
         return None
-    return found.stdout.strip() or None
+
+
+def _git(*words: str) -> str:
+    command = ["git", "-C", str(Path(__file__).resolve().parent), *words]
+    return subprocess.run(command, capture_output=True, text=True, timeout=5, check=True).stdout.strip()
 
 
 def reference_fingerprint(reference: TrialSet) -> str:

@@ -34,17 +34,17 @@ class RunFolder:
 
     @property
     def settings_path(self) -> Path:
-        """Where the settings are."""
+        """Path of the settings."""
         return self.path / SETTINGS
 
     @property
     def best_path(self) -> Path:
-        """Where the best parameters are."""
+        """Path of the best parameters."""
         return self.path / BEST
 
     @property
     def exists(self) -> bool:
-        """Whether a run was begun here."""
+        """True if a run was begun here."""
         return self.settings_path.is_file()
 
     @contextmanager
@@ -109,7 +109,7 @@ class RunFolder:
             raise RunError(f"{self.settings_path}: {error}; {self.RESTORE}") from error
 
     def outcome(self) -> Outcome | None:
-        """What was found at the end of the run, None before it."""
+        """Findings at the end of the run, None before it."""
         if not (self.path / OUTCOME).is_file():
             return None
         content = self._read_json(OUTCOME, "")

@@ -15,7 +15,7 @@ _ORIGIN = ("robot_file", "reference", "versions", "commit", "created")  # decide
 
 @dataclass(frozen=True, kw_only=True)
 class RunSettings(CalibrationSettings):
-    """What decided a run, without anything left to choose, and where it came from.
+    """Settings that decided a run, without anything left to choose, and its origin.
 
     Attributes:
         robot: Name of the robot.

@@ -11,6 +11,7 @@ from swim2real.calibration.problem import Problem
 from swim2real.objective import Comparison
 from swim2real.objective.figures import Fact
 from swim2real.parameters import ParameterSpace, Values
+from swimbase.arrays import Array
 
 _WORSE = 0.1  # of the error, by which it may rise
 _NEAR = 0.2  # of a parameter's range, within which a residual changes as a plane does
@@ -22,12 +23,9 @@ IDENTIFIED = 2e-3  # m by which a step must change the loss
 WEAK = 5e-4
 
 
-Array = NDArray[np.float64]
-
-
 @dataclass(frozen=True)
 class Sensitivity:
-    """What a step of one parameter does, all others fixed.
+    """Effect of a step of one parameter, all others fixed.
 
     Attributes:
         name: Name of the parameter.
@@ -75,14 +73,14 @@ def sensitivities(problem: Problem, space: ParameterSpace, values: Values) -> li
     return found
 
 
-def _speeds(comparison: Comparison) -> NDArray[np.float64]:
+def _speeds(comparison: Comparison) -> Array:
     """Simulated forward speeds, by trial [m/s]; none where nothing travels."""
     figures = [trial.figures() for trial in comparison.trials]
     return np.array([one["velocity_simulated"] for one in figures if "velocity_simulated" in one])
 
 
 class Slopes:
-    """How the residual changes about the best point, from the evaluations that a search has made there anyway."""
+    """Slopes of the residual about the best point, from the evaluations that a search has made there anyway."""
 
     def __init__(self, space: ParameterSpace) -> None:
         """Begins with none.

@@ -13,7 +13,6 @@ from itertools import combinations, pairwise
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
 from markertrack import frames
@@ -21,8 +20,8 @@ from markertrack.track import MarkerTrack
 from swim2real.formatting import listed
 from swim2real.robots.robot import Robot
 from swim2real.trials import Signals, Trial
+from swimbase.arrays import Array
 
-Array = NDArray[np.float64]
 Item = TypeVar("Item")
 Undo = Callable[[Sequence[Trial]], list[Trial]]
 

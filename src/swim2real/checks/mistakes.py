@@ -13,7 +13,6 @@ from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from markertrack.quality import check_plausible
 from markertrack.track import MarkerTrack
@@ -33,9 +32,9 @@ from swim2real.parameters import Values
 from swim2real.robots.robot import Robot
 from swim2real.simulation.pose import PoseFit
 from swim2real.trials import Trial, TrialSet
+from swimbase.arrays import Array
 from swimbase.errors import TrialError
 
-Array = NDArray[np.float64]
 Item = TypeVar("Item")
 
 _FRAMES = 5  # of a trial in which poses are looked for
@@ -52,7 +51,7 @@ _MOST = 3  # mistakes of one reference that are named
 
 
 @dataclass(frozen=True)
-class Verdict:
+class _Verdict:
     """Fit of trials with a robot.
 
     Attributes:
@@ -87,7 +86,7 @@ class Verdict:
         )
 
 
-def judged(robot: Robot, reference: TrialSet) -> Verdict:
+def judged(robot: Robot, reference: TrialSet) -> _Verdict:
     """Looks for what is probably wrong with trials.
 
     Args:
@@ -99,7 +98,7 @@ def judged(robot: Robot, reference: TrialSet) -> Verdict:
     """
     found = _of_poses(robot, reference)
     if found or robot.trials.steady:
-        return Verdict(tuple(found))
+        return _Verdict(tuple(found))
     return _Judge(robot, reference).verdict()
 
 
@@ -153,10 +152,10 @@ class _Judge:
         self.trials, self.prepared = [ready[k][0] for k in worst], [ready[k][1] for k in worst]
         self.own = [parts[k] for k in worst]
 
-    def verdict(self) -> Verdict:
+    def verdict(self) -> _Verdict:
         """Mistakes that the trials probably have, and how much stays unexplained."""
         if not self.trials:
-            return Verdict()
+            return _Verdict()
         doubts, fit = list[str](), self._fit(self.trials, self.prepared)
         while len(doubts) < _MOST and any(share([one]) > _FOLLOWED for one in fit.parts):
             better = self._undone(fit)
@@ -165,7 +164,7 @@ class _Judge:
             doubts.append(better[0])
             fit = better[1]
         named = list(zip((trial.name for trial in fit.trials), self.own, fit.parts, strict=True))
-        return Verdict(
+        return _Verdict(
             tuple(doubts), {name: share([one]) for name, _, one in named},
             {name: (error(own), error(one)) for name, own, one in named},
         )  # fmt: skip
@@ -221,7 +220,7 @@ class _Judge:
         if robot.marker_names:
             yield from of_pixels(robot, trials, played)
             beside = [real.track.positions[0] - made.track.positions[0] for real, made in zip(cut, played, strict=True)]
-            if len(robot.marker_names) == 1:  # of several, poses tell
+            if len(robot.marker_names) == 1:  # of several, poses decide
                 yield from of_distances(robot)
             yield from of_places(robot, np.nan_to_num(np.nanmean(np.concatenate(beside), axis=0)))
         yield from of_commands(robot, trials)

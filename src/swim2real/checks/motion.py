@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 from functools import cache, cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from markertrack.track import MarkerTrack
@@ -22,9 +21,8 @@ from swim2real.robots.robot import Robot
 from swim2real.simulation.forward_model import model_of
 from swim2real.simulation.playback import PlaybackSimulator, Rollout
 from swim2real.trials import Trial, TrialSet
+from swimbase.arrays import Array
 from swimbase.errors import TrialError
-
-Array = NDArray[np.float64]
 
 MARKERS = "markers"
 _DIVERGED = 3.0  # share of what diverges, and the most that counts

@@ -10,7 +10,6 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import qr
 
 from markertrack.track import MarkerTrack
@@ -21,6 +20,7 @@ from swim2real.robots.robot import Robot
 from swim2real.simulation.simulator import Simulator, Swim
 from swim2real.simulation.start import FITTED, MARKERS, REST
 from swim2real.trials import Actuation, Signals, Trial, TrialSet
+from swimbase.arrays import Array
 from swimbase.errors import EngineError
 
 NOISE = 1e-9  # m, by which markers may move where a parameter has no effect
@@ -29,7 +29,6 @@ _STRENGTHS = (1.0, 0.1, 0.01, 0.001)
 _ROOM = 3.0  # of the robot's size that a marker may move; more is a robot that is thrown about
 TRIALS = 4  # real ones that are tried, the first
 
-Array = NDArray[np.float64]
 SECONDS = 2.0
 FREQUENCY = 1.0  # Hz, of all that swings
 _RATE = 100.0  # Hz

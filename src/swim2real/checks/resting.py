@@ -10,7 +10,6 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from markertrack.track import MarkerTrack
 from swim2real.checks.motion import Motion, error
@@ -18,9 +17,8 @@ from swim2real.robots.robot import Robot
 from swim2real.settings import HORIZON
 from swim2real.simulation.start import FITTED, MARKERS, REST, STRETCH, WINDOW, FirstFrames
 from swim2real.trials import Trial, TrialSet
+from swimbase.arrays import Array, Mask
 from swimbase.errors import Swim2RealError, TrialError
-
-Array = NDArray[np.float64]
 
 _LONG = 0.5  # s that are played back
 _STILL = 0.05  # of the motion's size: farther off a pose, it isn't at rest in it
@@ -32,7 +30,7 @@ _MOST_KEYS = 8  # keyframes that are tried
 
 
 @dataclass(frozen=True)
-class Beginning:
+class _Beginning:
     """The beginning of a recording beside the model in a pose at rest.
 
     Attributes:
@@ -49,7 +47,7 @@ class Beginning:
 
 
 @dataclass(frozen=True)
-class BetterStart:
+class _BetterStart:
     """The start that suits a recording.
 
     Attributes:
@@ -63,7 +61,7 @@ class BetterStart:
     fitted: float
 
 
-def better_starts(robot: Robot, reference: TrialSet) -> dict[str, BetterStart]:
+def better_starts(robot: Robot, reference: TrialSet) -> dict[str, _BetterStart]:
     """The better of rest and fitted for each recording whose start isn't known, by the data and by what both lead to.
 
     A command that jumps as a recording begins speaks for neither: what it does at once, the model does, too.
@@ -122,7 +120,7 @@ def _worse_than_fitted(robot: Robot, reference: TrialSet) -> str | None:
     return None
 
 
-def _begun(robot: Robot, reference: TrialSet, pose: str) -> dict[str, Beginning]:
+def _begun(robot: Robot, reference: TrialSet, pose: str) -> dict[str, _Beginning]:
     """Beginnings of recordings whose start isn't known, beside a pose, by trial.
 
     Nothing of swims, of a pose from which the model can't be simulated, and of recordings that show nothing.
@@ -139,7 +137,7 @@ def _begun(robot: Robot, reference: TrialSet, pose: str) -> dict[str, Beginning]
     return {real.name: one for real, played in pairs if (one := _beginning(robot, real, played)) is not None}
 
 
-def _beginning(robot: Robot, trial: Trial, played: Trial) -> Beginning | None:
+def _beginning(robot: Robot, trial: Trial, played: Trial) -> _Beginning | None:
     """The beginning of a recording beside a playback of it from a pose; None where nothing shows it."""
     real, made = _shown(robot, robot.trials.unwrapped(trial)[0]), _shown(robot, played)
     if real is None or made is None or played.divergence is not None:
@@ -165,7 +163,7 @@ def _beginning(robot: Robot, trial: Trial, played: Trial) -> Beginning | None:
     off, speeds = np.linalg.norm(place - first.places, axis=1), np.linalg.norm(first.velocities, axis=1)
     distance, fastest = float(off[known].mean()), int(np.argmax(known * speeds))
     name = (robot.marker_names or robot.sensed_places)[fastest]
-    return Beginning(distance, float(speeds[fastest]), name, not moving.any() and distance < _STILL * size)
+    return _Beginning(distance, float(speeds[fastest]), name, not moving.any() and distance < _STILL * size)
 
 
 def _shown(robot: Robot, trial: Trial) -> Trial | None:
@@ -180,7 +178,7 @@ def _shown(robot: Robot, trial: Trial) -> Trial | None:
     return replace(trial, track=MarkerTrack(read.times, np.stack([columns, np.zeros_like(columns)], axis=2)))
 
 
-def _laid_on(played: Array, seen: Array, known: NDArray[np.bool_]) -> Array:
+def _laid_on(played: Array, seen: Array, known: Mask) -> Array:
     """A motion, turned and shifted so that its first frame lies on what was seen. Shapes (T, M, 2), (M, 2), (M,)."""
     plane = np.array([1.0, 1.0j])
     moved, wanted = played @ plane, seen[known] @ plane
@@ -190,14 +188,14 @@ def _laid_on(played: Array, seen: Array, known: NDArray[np.bool_]) -> Array:
     return np.stack([laid.real, laid.imag], axis=2)
 
 
-def _better(robot: Robot, reference: TrialSet, begun: Mapping[str, Beginning]) -> dict[str, BetterStart]:
+def _better(robot: Robot, reference: TrialSet, begun: Mapping[str, _Beginning]) -> dict[str, _BetterStart]:
     """The start that suits recordings which begin like this beside the model's own pose."""
     rest, fitted = (_errors(robot, map(reference.__getitem__, begun), start, HORIZON) for start in (REST, FITTED))
-    made: dict[str, BetterStart] = {}
+    made: dict[str, _BetterStart] = {}
     for name, one in begun.items():
         rests = one.rests and not rest[name] > _WORSE * fitted[name]
         rests = rests or (np.isfinite(rest[name]) and fitted[name] == np.inf)
-        made[name] = BetterStart(REST if rests else FITTED, rest[name], fitted[name])
+        made[name] = _BetterStart(REST if rests else FITTED, rest[name], fitted[name])
     return made
 
 

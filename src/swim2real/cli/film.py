@@ -333,14 +333,14 @@ def _tables_of(robot: Robot, count: int, trials: Sequence[Trial] = ()) -> str:
 
 
 def _trial_name(path: Path) -> str:
-    """What the trial is called: the video's name, without what DeepLabCut or `track` adds to it."""
+    """Name of a trial: the video's, without what DeepLabCut or `track` adds to it."""
     return composed(path.stem.removesuffix(".pixels").split("DLC_")[0] or path.stem)
 
 
 def _read_track(
     path: Path, fps: float, known: CameraFile | None, robot: Robot, span: Span
 ) -> tuple[MarkerTrack, Camera, list[str]]:
-    """A stretch of a track in pixels with the robot's markers in order, its camera, and what to tell of it."""
+    """A stretch of a track in pixels with the robot's markers in order, its camera, and notes on it."""
     from markertrack.camera import camera_for
     from swim2real.trials.pose_tables import read_poses
 
@@ -350,7 +350,7 @@ def _read_track(
 
 
 def _examined(reference: TrialSet, robot: Robot) -> tuple[Findings, dict[str, str]]:
-    """What was found in each trial, and why others can't be examined.
+    """Findings in each trial, and the reasons why others can't be examined.
 
     Raises:
         TrialError: None can be examined.

@@ -73,7 +73,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     # before NumPy is imported: matrices are small, and threads of linear algebra would only wait for one another
     for library in ("OPENBLAS", "MKL"):
         os.environ.setdefault(f"{library}_NUM_THREADS", "1")
-    # nor does a package of somebody's change, or break, how our files are checked
+    # keep third-party pydantic plugins from altering validation
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
     try:
         with consent.allowing(allowed):

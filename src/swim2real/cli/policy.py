@@ -280,7 +280,7 @@ def export_commands(
     from swim2real.identification.ensemble import read_ensemble
     from swim2real.objective.expected_run import ENDING
     from swim2real.rl.assessment import policy_commands
-    from swim2real.rl.expectation import expect
+    from swim2real.rl.rollout import expect
     from swim2real.rl.training_run import TrainingRun
     from swimbase.store import write_arrays, write_json
 

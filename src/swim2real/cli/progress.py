@@ -39,7 +39,7 @@ class _Words(TextColumn):
 
 @dataclass(frozen=True)
 class RunCallbacks:
-    """What is called as a run goes on.
+    """Callbacks of a run's progress.
 
     Attributes:
         progress: After every evaluation.
@@ -135,7 +135,7 @@ def _event_line(event: AdvisorEvent) -> str:
 
 
 def _spent(event: AdvisorEvent) -> str:
-    """What the calls took so far."""
+    """Tokens, time and cost of the calls so far."""
     totals = event.totals
     if not totals.calls:
         return ""
@@ -289,7 +289,7 @@ def training_shown(total: int, quiet: bool) -> Generator[Callable[[TrainingProgr
 
 
 def training_line(p: TrainingProgress) -> str:
-    """How far a training is, in one line."""
+    """Progress of a training, in one line."""
     parts = [f"{p.step:>9,}/{p.total:,}", f"{p.rate:.0f} steps/s"]
     if p.episode_return is not None and p.distance is not None and p.success is not None:
         parts.append(f"return {p.episode_return:.1f}")

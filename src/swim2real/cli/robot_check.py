@@ -1,4 +1,4 @@
-"""What `check` prints and draws of a robot."""
+"""Output of `check` for a robot: tables, sentences and a picture."""
 
 from __future__ import annotations
 
@@ -60,7 +60,10 @@ def check_robot(name: str, reference_folder: Path | None, out: Path | None, thre
             say(f"Probably wrong: {sentence}.")
         return False
     _parameters(file, probes, bool(robot.marker_names))
-    _moved(robot, None if not fits or reference is None else reference.names[:TRIALS])
+    by = made_up_motion(robot)
+    if fits and reference is not None:
+        by = f"as in the trials of the reference ({', '.join(reference.names[:TRIALS])})"
+    say(f"Moved for {SECONDS:g} s {by}.")
     if robot.marker_names:
         _markers(robot)
     _trials(robot)
@@ -80,7 +83,7 @@ def check_robot(name: str, reference_folder: Path | None, out: Path | None, thre
                 say(f"{sentence[0].upper()}{sentence[1:]}.")
         wrong += doubts
     if robot.marker_names:
-        _draw(robot, out or _beside(name))
+        _draw(robot, out or (Path(f"{name}.png") if name in ROBOTS else Path(name).with_suffix(".png")))
     return not wrong
 
 
@@ -100,14 +103,8 @@ def _cell(shift: Shift) -> str:
     return "–" if shift.failure else f"{1e3 * shift.distance:.3g}"
 
 
-def _moved(robot: Robot, trials: tuple[str, ...] | None) -> None:
-    """How the robot was moved for these numbers."""
-    by = made_up_motion(robot) if trials is None else f"as in the trials of the reference ({', '.join(trials)})"
-    say(f"Moved for {SECONDS:g} s {by}.")
-
-
 def _markers(robot: Robot) -> None:
-    """Where they are compared in the world, from its origin; else from the first one."""
+    """Prints the markers' places in the world, from its origin; else from the first one."""
     right, up = ("xyz"[axis] for axis in robot.plane)
     places, origin = robot.rest_markers, f"marker {robot.marker_names[0]}"
     if robot.trials.frame is None:
@@ -126,7 +123,7 @@ def _markers(robot: Robot) -> None:
 
 
 def _starts(robot: Robot, reference: TrialSet) -> None:
-    """How each recording starts, and what may be wrong with it."""
+    """Prints how each recording starts, and possible errors of the start."""
     rows: list[tuple[str, ...]] = []
     better = better_starts(robot, reference)
     for name, off in starts(robot, reference).items():
@@ -151,7 +148,7 @@ def _starts(robot: Robot, reference: TrialSet) -> None:
 
 
 def _doubts(robot: Robot, reference: TrialSet) -> list[str]:
-    """What a calibration would refuse, or say of trials."""
+    """Doubts about trials, and refusals that a calibration would give."""
     try:
         found = Problem(robot, reference).examinations()
     except TrialError as error:
@@ -194,7 +191,7 @@ def _signed(number: float) -> str:
 
 
 def _wrong(file: RobotFile, robot: Robot, one: Probe) -> Iterator[str]:
-    """What is wrong with a parameter."""
+    """Errors of a parameter."""
     refused = [why for why in (one.effect.lower, one.effect.upper, one.effect.undone) if why is not None]
     yield from refused
     if not refused and one.idle:
@@ -205,7 +202,7 @@ def _wrong(file: RobotFile, robot: Robot, one: Probe) -> Iterator[str]:
 
 
 def _notes(probes: list[Probe], markers: bool) -> Iterator[str]:
-    """What is worth knowing of the others."""
+    """Notes on the other parameters."""
     for one in probes:
         p = one.parameter
         for bound, refused, shift in ((p.lower, one.effect.lower, one.lower), (p.upper, one.effect.upper, one.upper)):
@@ -214,10 +211,6 @@ def _notes(probes: list[Probe], markers: bool) -> Iterator[str]:
         if not one.idle and one.distance < FAINT:
             moved = "moves the markers" if markers else "changes the sensors"
             yield f"{p.name} hardly shows: it {moved} by less than {1e3 * FAINT:g} mm on average"
-
-
-def _beside(robot: str) -> Path:
-    return Path(f"{robot}.png") if robot in ROBOTS else Path(robot).with_suffix(".png")
 
 
 def _draw(robot: Robot, out: Path) -> None:

@@ -103,7 +103,7 @@ def study_shown(
 
 
 def _print_so_far(run: FinishedRun) -> None:
-    """What an interrupted study knows of each parameter, by the slopes of what it evaluated."""
+    """Prints an interrupted study's values of each parameter, by the slopes of what it evaluated."""
     from swim2real.cli import tables
     from swim2real.identification.identifiability import known_so_far
     from swimbase.errors import Swim2RealError
@@ -111,7 +111,7 @@ def _print_so_far(run: FinishedRun) -> None:
     with suppress(Swim2RealError, OSError):  # nothing is evaluated yet
         lowest, ranges = known_so_far(run)
         if not ranges:
-            say(f"So far, lowest {1e3 * lowest:.2f} mm; too little is evaluated to tell how well parameters are known.")
+            say(f"So far, lowest {1e3 * lowest:.2f} mm; too few evaluations to say how well parameters are known.")
             return
         rows = [(name, f"{low:.3g} to {high:.3g}") for name, (low, high) in ranges.items()]
         say(f"So far, lowest {1e3 * lowest:.2f} mm. The error rises by less than a tenth within, all others following:")
@@ -173,8 +173,8 @@ def next_trial(
     """Propose the trial to film next: the one that would narrow the sets that fit the most.
 
     Reads a run folder that `identify` has studied, and its reference. Simulates each possible trial, another beat or
-    another motion of the actuators, with 40 or more of the sets: what differs between them is what the trial would
-    tell. Writes into --out next.json with all trials, next.csv with the commands of the proposed one for `deploy`, and
+    another motion of the actuators, with 40 or more of the sets: the difference between them is what the trial would
+    reveal. Writes into --out next.json with all trials, next.csv with the proposed one's commands for `deploy`, and
     next.png. Takes a minute or two. Ctrl-C prints what is known so far and writes nothing.
 
     Args:
@@ -189,7 +189,7 @@ def next_trial(
     from swim2real.identification.next_trial import COMMANDS, fitting_sets, judged_trials, write_next
     from swim2real.identification.possible_trials import possible_trials
     from swim2real.interruption import Interruption
-    from swim2real.report.next_chart import write_chart
+    from swim2real.report.determined import write_chart
     from swim2real.trials import load_reference
 
     if seed < 0:

@@ -1,4 +1,4 @@
-"""What a command is about: the robot, the values and the problem that paths name."""
+"""Subject of a command: the robot, the values and the problem that paths name."""
 
 from __future__ import annotations
 

@@ -37,7 +37,7 @@ MOST_COLUMNS = 10  # markers with a column each; of more only the worst are name
 _WORST = "worst first"
 _WHOLE = 32  # characters of a name that isn't broken; numbers wrap in its place
 _WIDE = 10_000  # characters of a line, in which any table is whole
-_UNTOLD = 0.8  # share of its bounds within which a parameter may be anywhere
+_UNDETERMINED = 0.8  # share of its bounds within which a parameter may be anywhere
 _TEXTS = ("driven by", "finding", _WORST)  # columns of words
 
 
@@ -157,7 +157,7 @@ def truth(
 
 
 def parameters(rows: Sequence[ParameterRow], ranges: Mapping[str, Sequence[float]]) -> None:
-    """Prints the values that a run has found beside the model's, and how well the trials tell them.
+    """Prints the values that a run has found beside the model's, and how well the trials determine them.
 
     Args:
         rows: One per parameter.
@@ -166,15 +166,15 @@ def parameters(rows: Sequence[ParameterRow], ranges: Mapping[str, Sequence[float
     cells: list[tuple[str, ...]] = []
     for row in rows:
         p, ends = row.parameter, ranges.get(row.parameter.name)
-        untold = ends is not None and ends[1] - ends[0] >= _UNTOLD * (p.upper - p.lower)
-        within = "–" if ends is None else f"{ends[0]:.4g} to {ends[1]:.4g}{': not told' if untold else ''}"
+        wide = ends is not None and ends[1] - ends[0] >= _UNDETERMINED * (p.upper - p.lower)
+        within = "–" if ends is None else f"{ends[0]:.4g} to {ends[1]:.4g}{': undetermined' if wide else ''}"
         cells.append((p.name, f"{p.published:.4g}", f"{row.value:.4g}", p.unit, row.bound or "–", within))
     table(
         "Parameters; the error rises by less than a tenth within the last column, all others following",
         ("parameter", "model", "found", "unit", "on bound", "within"), cells,
     )  # fmt: skip
     if not ranges:
-        say("How well the trials tell them: `swim2real identify`, or a search by least squares (the default).")
+        say("How well the trials determine them: `swim2real identify`, or a search by least squares (the default).")
 
 
 def sensitivities(found: Sequence[Sensitivity]) -> None:

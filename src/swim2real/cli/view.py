@@ -146,7 +146,7 @@ def _chosen(trials: Sequence[Trial], name: str | None, frequency: float | None, 
 
 
 def _moving(trial: Trial) -> float:
-    """How far the marker comes that moves most [m]."""
+    """Distance that the marker goes which moves most [m]."""
     import numpy as np
 
     seen = trial.track.positions[:, np.isfinite(trial.track.positions).all(axis=2).any(axis=0)]

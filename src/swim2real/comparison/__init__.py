@@ -5,18 +5,6 @@ from swim2real.comparison.plan import MethodVariant, Plan, default_methods, make
 from swim2real.comparison.results import ComparisonResults, RunResult, load_results, read_results, write_results
 
 __all__ = [
-    "ComparisonProgress",
-    "ComparisonResults",
-    "JobReport",
-    "MethodVariant",
-    "Plan",
-    "RunResult",
-    "compare",
-    "default_methods",
-    "load_results",
-    "make_plan",
-    "method_variant",
-    "read_plan",
-    "read_results",
-    "write_results",
-]
+    "ComparisonProgress", "ComparisonResults", "JobReport", "MethodVariant", "Plan", "RunResult", "compare",
+    "default_methods", "load_results", "make_plan", "method_variant", "read_plan", "read_results", "write_results",
+]  # fmt: skip

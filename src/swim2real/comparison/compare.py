@@ -44,7 +44,7 @@ _WRITTEN = (
 
 @dataclass(frozen=True)
 class Work:
-    """What all jobs of a session share.
+    """Data that all jobs of a session share.
 
     Attributes:
         root: Folder of the comparison.
@@ -67,7 +67,7 @@ class Work:
 
 @dataclass(frozen=True)
 class JobReport:
-    """How a job ended.
+    """End of a job.
 
     Attributes:
         key: Key of the job.
@@ -90,7 +90,7 @@ class JobReport:
 
 @dataclass(frozen=True)
 class ComparisonProgress:
-    """How far a comparison is.
+    """Progress of a comparison.
 
     Attributes:
         jobs_done: Number of jobs that have ended, with those that were finished before.
@@ -217,7 +217,7 @@ def _cost(job: Job) -> float:
 
 
 def _expected(work: Work, due: Sequence[Job], workers: int) -> float | None:
-    """About how long jobs take [s], by one evaluation; None where that fails, which the jobs tell of."""
+    """About how long jobs take [s], by one evaluation; None where that fails, which the jobs report."""
     try:
         problem = Problem.with_settings(work.robot, work.reference, replace(due[0].settings, threads=1))
     except Swim2RealError:

@@ -1,4 +1,4 @@
-"""What a comparison consists of: methods, seeds and protocols under one budget, and the jobs that come of them."""
+"""Plan of a comparison: methods, seeds and protocols under one budget, and the jobs that come of them."""
 
 from __future__ import annotations
 
@@ -61,12 +61,12 @@ class MethodVariant:
     scale: Scale | None
 
     def label(self, protocol_scale: Scale | None = None) -> str:
-        """What it is called in tables: its name, with the scale where that isn't the protocol's."""
+        """Name in tables, with the scale if that isn't the protocol's."""
         return self.name if self.scale in (None, protocol_scale) else f"{self.name}+{self.scale}"
 
 
 def method_variant(name: str) -> MethodVariant:
-    """What a name stands for: `METHOD`, `METHOD@ADVISOR`, and either with `+log` or `+linear`.
+    """Reads a variant's name: `METHOD`, `METHOD@ADVISOR`, and either with `+log` or `+linear`.
 
     Raises:
         ArgumentError: There is no such method or advisor.
@@ -126,7 +126,7 @@ class Job:
         return self.settings.hold_out[0] if self.settings.hold_out else None
 
     def is_finished(self, plan: Plan) -> bool:
-        """Whether the run is finished, with these settings.
+        """True if the run is finished, with these settings.
 
         Raises:
             RunError: It was made with others, or is damaged.

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field, TypeAdapter
 
 from swim2real.advisor.vlm.transcript import Totals, Transcript, totals
@@ -21,6 +20,7 @@ from swim2real.comparison.plan import KEPT, PROBLEM, RUNS, Job, Plan, read_plan
 from swim2real.objective.figures import FitFigures, figure_values
 from swim2real.settings import asks_a_vlm
 from swimbase import checking
+from swimbase.arrays import Array
 from swimbase.errors import RunError, Swim2RealError
 from swimbase.names import quoted
 from swimbase.store import read_text, write_json, write_text, writing
@@ -28,7 +28,6 @@ from swimbase.store import read_text, write_json, write_text, writing
 FORMAT = 1
 RESULTS, TABLE = "results.json", "results.csv"
 
-Array = NDArray[np.float64]
 Loss = Annotated[float, Field(ge=0, lt=1e6)]
 
 _REMEDY = "run the comparison again to write it anew"

@@ -1,4 +1,4 @@
-"""How good each method is and how surely: spreads over seeds, differences with intervals, errors by trial and marker.
+"""Statistics of methods: spreads over seeds, differences with intervals, errors by trial and marker.
 
 A `Series` has one value for each seed, a `DataFrame` one row for each seed. Missing values are NaN, and pandas leaves
 them out of means.
@@ -12,20 +12,19 @@ from typing import Literal
 
 import numpy as np
 import pandas as pd
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from swim2real.comparison.results import ComparisonResults, RunResult
 from swim2real.objective.figures import (
     AVERAGED,
     SENSORS,
     Figure,
-    TrialFigures,
     figure_values,
     figures_for,
     sensor_figure,
 )
+from swimbase.arrays import Array
 
-Array = NDArray[np.float64]
 Measure = Literal["final", "auc"]
 MarkerKind = Literal["motion", "marker", "aligned", "shape"]
 
@@ -36,7 +35,7 @@ _LEVEL = 0.95
 
 @dataclass(frozen=True)
 class ProtocolDescription:
-    """How one protocol is described.
+    """Description of one protocol.
 
     Attributes:
         loss: Name of the loss.
@@ -157,13 +156,13 @@ class Difference:
 
     @property
     def is_significant(self) -> bool:
-        """Whether zero lies outside the interval."""
+        """True if zero lies outside the interval."""
         return bool(self.low > 0 or self.high < 0)
 
 
 @dataclass(frozen=True)
 class _StepStatistics:
-    """What became of the proposals of a line search, over all seeds.
+    """Fates of the proposals of a line search, over all seeds.
 
     Attributes:
         rounds: Number of rounds that were decided: accepted or rejected.
@@ -249,11 +248,11 @@ def best_method(methods: Sequence[MethodStatistics], measure: Measure = "final")
 
 
 def differences(methods: Sequence[MethodStatistics], measure: Measure = "final") -> dict[str, Difference | None]:
-    """How much worse than the best method each one is, by method; None for the best itself and without common seeds.
+    """Differences to the best method, by method; None for the best itself and without common seeds.
 
     The interval is a percentile bootstrap over seeds. Seeds are drawn in pairs, since methods of a seed begin at the
     same point; all methods see the same draws. With few seeds such an interval is too narrow, and no better one is to
-    be had: 5 seeds can't tell how far their tails reach.
+    be had: 5 seeds don't show how far their tails reach.
     """
     if not methods:
         return {}
@@ -281,7 +280,7 @@ def bootstrap_interval(values: ArrayLike, seed: int = 0) -> tuple[float, float]:
 
 
 def evaluations_to_reach(method: MethodStatistics, errors: Sequence[float] = ERRORS) -> pd.DataFrame:
-    """How many evaluations each seed takes to get to or below an error [m], a column for each; NaN where it doesn't."""
+    """Evaluations of each seed to get to or below an error [m], a column for each; NaN where it doesn't."""
     below = method.curves[:, :, None] <= np.asarray(errors)
     first = np.where(below.any(axis=1), below.argmax(axis=1) + 1.0, np.nan)
     return pd.DataFrame(first, method.final.index, list(errors))
@@ -311,7 +310,8 @@ def speeds(runs: Sequence[RunResult]) -> Speeds | None:
         return None
     trials = runs[0].fit.trials
     names = sorted(trials, key=lambda name: (trials[name].frequency or 0.0, name))
-    simulated = [[_simulated_speed(run.fit.trials.get(name)) for name in names] for run in runs]
+    made = [[run.fit.trials.get(name) for name in names] for run in runs]
+    simulated = [[None if one is None or one.divergence else one.velocity_simulated for one in row] for row in made]
     return Speeds(
         pd.Series({name: trials[name].frequency for name in names}, dtype="float64"),
         pd.Series({name: trials[name].velocity_real for name in names}, dtype="float64"),
@@ -355,7 +355,3 @@ def held_out_errors(results: ComparisonResults, method: str, protocol: str) -> p
     ]  # fmt: skip
     numbers = dict.fromkeys(("held_out", "same_when_fitted", "velocity"), float)
     return pd.DataFrame(rows).astype(numbers) if rows else None
-
-
-def _simulated_speed(trial: TrialFigures | None) -> float | None:
-    return None if trial is None or trial.divergence else trial.velocity_simulated

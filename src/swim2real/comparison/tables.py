@@ -7,20 +7,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
+from swim2real.comparison import statistics
 from swim2real.comparison.results import ComparisonResults
-from swim2real.comparison.statistics import (
-    ERRORS,
-    Difference,
-    MethodStatistics,
-    differences,
-    evaluations_to_reach,
-    figures_of,
-    held_out_errors,
-    marker_errors,
-    method_statistics,
-    speeds,
-    step_statistics,
-)
 from swim2real.formatting import NOTHING, mm, number
 from swimbase.escaping import plain_markdown, visible
 
@@ -86,7 +74,7 @@ def tables(results: ComparisonResults, protocol: str, theory: Mapping[str, float
         protocol: `motion`, `aligned`, `paper` or `playback`.
         theory: Speeds that elongated body theory predicts, by trial [m/s].
     """
-    methods = method_statistics(results, protocol)
+    methods = statistics.method_statistics(results, protocol)
     if not methods:
         return ()
     candidates = (
@@ -103,7 +91,7 @@ def tables(results: ComparisonResults, protocol: str, theory: Mapping[str, float
     return tuple(table for table in candidates if table is not None)
 
 
-def paper_table(methods: Sequence[MethodStatistics]) -> Table:
+def paper_table(methods: Sequence[statistics.MethodStatistics]) -> Table:
     """Best, worst and AUC, as in the paper's Table II."""
     counts = sorted({len(method.runs) for method in methods})
     seeds = f"{counts[0]} seed{'s' * (counts[0] > 1)}" if len(counts) == 1 else f"{counts[0]} to {counts[-1]} seeds"
@@ -119,9 +107,9 @@ def paper_table(methods: Sequence[MethodStatistics]) -> Table:
     return _table("paper", f"Calibration performance over {seeds}", methods, columns, note)
 
 
-def _difference_table(methods: Sequence[MethodStatistics]) -> Table:
-    """How surely the best method is best."""
-    final, auc = differences(methods), differences(methods, "auc")
+def _difference_table(methods: Sequence[statistics.MethodStatistics]) -> Table:
+    """Table of the differences to the best method, with intervals."""
+    final, auc = statistics.differences(methods), statistics.differences(methods, "auc")
     columns = [
         ("Median (mm)", [mm_cell(method.final.median()) for method in methods]),
         ("Best: above the lowest (mm)", [_gap_cell(final[method.method]) for method in methods]),
@@ -134,41 +122,43 @@ def _difference_table(methods: Sequence[MethodStatistics]) -> Table:
     return _table("sureness", "Difference to the best method", methods, columns, note, unmarked=(1, 2))
 
 
-def _figure_table(methods: Sequence[MethodStatistics], sensors: Mapping[str, str]) -> Table:
+def _figure_table(methods: Sequence[statistics.MethodStatistics], sensors: Mapping[str, str]) -> Table:
     """Every figure at the best parameters that a method has."""
     columns = [
         (figure.heading, [spread_cell(method.figures[name], figure.digits, figure.factor) for method in methods])
-        for name, figure in figures_of(methods[0].protocol, sensors).items()
+        for name, figure in statistics.figures_of(methods[0].protocol, sensors).items()
         if any(method.figures[name].notna().any() for method in methods)
     ]
     note = "Mean ± standard deviation over seeds."
     return _table("figures", "All figures at the best parameters", methods, columns, note)
 
 
-def _seed_table(methods: Sequence[MethodStatistics]) -> Table:
+def _seed_table(methods: Sequence[statistics.MethodStatistics]) -> Table:
     """The best loss of every seed."""
     seeds = sorted({seed for method in methods for seed in method.seeds})
     columns = [(f"Seed {seed} (mm)", [mm_cell(method.final.get(seed)) for method in methods]) for seed in seeds]
     return _table("seeds", "Best loss of every seed", methods, columns)
 
 
-def _reached_table(methods: Sequence[MethodStatistics]) -> Table:
-    """How many evaluations it takes to reach given errors."""
+def _reached_table(methods: Sequence[statistics.MethodStatistics]) -> Table:
+    """Table of the evaluations needed to reach given errors."""
 
     def cell(evaluations: pd.Series[float]) -> Cell:
         median = float(evaluations.fillna(math.inf).median())  # a seed that doesn't get there takes forever
         text = f"{median:g}" if math.isfinite(median) else "not reached"
         return Cell(f"{text} ({evaluations.count()}/{len(evaluations)})", _finite(median))
 
-    reached = [evaluations_to_reach(method) for method in methods]
-    columns = [(f"≤ {1e3 * error:g} mm", [cell(one[error]) for one in reached]) for error in ERRORS]
+    reached = [statistics.evaluations_to_reach(method) for method in methods]
+    columns = [(f"≤ {1e3 * error:g} mm", [cell(one[error]) for one in reached]) for error in statistics.ERRORS]
     note = "Median over all seeds, and how many of them got there; 'not reached' where the median seed did not."
     return _table("reached", "Evaluations to an error", methods, columns, note)
 
 
-def _step_table(methods: Sequence[MethodStatistics]) -> Table | None:
+def _step_table(methods: Sequence[statistics.MethodStatistics]) -> Table | None:
     """Accept rates and step shares of the methods with rounds."""
-    known = {method.method: steps for method in methods if (steps := step_statistics(method.runs)) is not None}
+    known = {
+        method.method: steps for method in methods if (steps := statistics.step_statistics(method.runs)) is not None
+    }
     if not known:
         return None
     sizes = sorted({size for steps in known.values() for size in steps.by_size}, reverse=True)
@@ -194,9 +184,9 @@ def _step_table(methods: Sequence[MethodStatistics]) -> Table | None:
     return _table("steps", "Proposals and line search", methods, columns, note, unmarked, list(known))
 
 
-def _velocity_table(methods: Sequence[MethodStatistics], theory: Mapping[str, float] | None) -> Table | None:
+def _velocity_table(methods: Sequence[statistics.MethodStatistics], theory: Mapping[str, float] | None) -> Table | None:
     """Error in speed by frequency; elongated body theory has a row where its speeds are given."""
-    known = {method.method: own for method in methods if (own := speeds(method.runs)) is not None}
+    known = {method.method: own for method in methods if (own := statistics.speeds(method.runs)) is not None}
     if not known:
         return None
     first = next(iter(known.values()))
@@ -215,21 +205,24 @@ def _velocity_table(methods: Sequence[MethodStatistics], theory: Mapping[str, fl
     return _table("velocity", "Velocity error by frequency", methods, columns, note, labels=list(rows))
 
 
-def _marker_table(methods: Sequence[MethodStatistics], markers: Sequence[str]) -> Table:
+def _marker_table(methods: Sequence[statistics.MethodStatistics], markers: Sequence[str]) -> Table:
     """Error of each marker, of swims with and without registration."""
     protocol = methods[0].description
     several = len(protocol.markers) > 1
     rows = [(method, described) for method in methods for described in protocol.markers]
     labels = [f"{method.method}, {about}" if several else method.method for method, (_, about) in rows]
-    errors = [list(map(mm_cell, marker_errors(method.runs, kind, len(markers)).mean())) for method, (kind, _) in rows]
+    errors = [
+        list(map(mm_cell, statistics.marker_errors(method.runs, kind, len(markers)).mean()))
+        for method, (kind, _) in rows
+    ]
     columns = [(f"{marker} (mm)", [row[i] for row in errors]) for i, marker in enumerate(markers)]
     note = f"Mean over seeds and over the trials in which tracking has the marker. {protocol.markers_note}"
     return _table("markers", protocol.markers_title, methods, columns, note, range(len(markers)), labels)
 
 
-def _held_out_table(results: ComparisonResults, methods: Sequence[MethodStatistics]) -> Table | None:
+def _held_out_table(results: ComparisonResults, methods: Sequence[statistics.MethodStatistics]) -> Table | None:
     """Error on trials that a fit did not know."""
-    found = {method.method: held_out_errors(results, method.method, method.protocol) for method in methods}
+    found = {method.method: statistics.held_out_errors(results, method.method, method.protocol) for method in methods}
     known = {method: errors for method, errors in found.items() if errors is not None}
     if not known:
         return None
@@ -269,7 +262,7 @@ def all_tables(results: ComparisonResults) -> str:
 
 
 def _table(
-    key: str, title: str, methods: Sequence[MethodStatistics], columns: Sequence[tuple[str, Sequence[Cell]]],
+    key: str, title: str, methods: Sequence[statistics.MethodStatistics], columns: Sequence[tuple[str, Sequence[Cell]]],
     note: str = "", unmarked: Sequence[int] = (), labels: Sequence[str] | None = None,
 ) -> Table:  # fmt: skip
     """A table under one protocol, with the lowest of each column marked where there are several.
@@ -294,7 +287,7 @@ def _table(
     return Table(key, title, ("Method", *(heading for heading, _ in columns)), rows, note)
 
 
-def _gap_cell(difference: Difference | None) -> Cell:
+def _gap_cell(difference: statistics.Difference | None) -> Cell:
     """A difference with its interval, in mm."""
     if difference is None:
         return Cell(NOTHING)

@@ -13,14 +13,6 @@ from swim2real.demo.example import (
 from swim2real.demo.synthetic import SyntheticCamera, synthetic_reference
 
 __all__ = [
-    "FREQUENCIES",
-    "HELD_OUT",
-    "MORE_FREQUENCIES",
-    "DemoCallbacks",
-    "SyntheticCamera",
-    "demo_settings",
-    "fit",
-    "hidden_values",
-    "synthetic_reference",
-    "track",
-]
+    "FREQUENCIES", "HELD_OUT", "MORE_FREQUENCIES", "DemoCallbacks", "SyntheticCamera", "demo_settings", "fit",
+    "hidden_values", "synthetic_reference", "track",
+]  # fmt: skip

@@ -12,20 +12,18 @@ from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from markertrack.track import MarkerTrack
 from swim2real.parameters import Values
 from swim2real.robots.robot import Robot
 from swim2real.simulation import Simulator, Swim
 from swim2real.trials import Actuation, Trial, TrialSet
-
-Array = NDArray[np.float64]
+from swimbase.arrays import Array
 
 
 @dataclass(frozen=True)
 class SyntheticCamera:
-    """What stands between a swim and its track.
+    """Camera and its errors, between a swim and its track.
 
     Attributes:
         fps: Frames a second.

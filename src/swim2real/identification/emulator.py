@@ -1,16 +1,14 @@
-"""What a residual would be at points that weren't simulated: Gaussian processes of its principal components."""
+"""Residuals at points that weren't simulated: Gaussian processes of their principal components."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
 from swim2real.identification.evaluated import EvaluatedPoint
-
-Array = NDArray[np.float64]
+from swimbase.arrays import Array
 
 _COMPONENTS = 24
 _FAR = 3.0  # times the lowest misfit, from which on points count less in the choice of the components

@@ -8,26 +8,23 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
 from annotated_types import MinLen
-from numpy.typing import NDArray
 from pydantic import BaseModel
 
-from swim2real.calibration.provenance import commit, versions
+from swim2real.calibration.provenance import made_by
 from swim2real.identification.finished_run import FinishedRun
-from swim2real.identification.identifiability import IDENTIFIABILITY, read_study
+from swim2real.identification.identifiability import study_of
 from swim2real.parameters import Values
 from swim2real.robots.robot import Robot
 from swim2real.settings import EnsembleSettings
 from swimbase import store
+from swimbase.arrays import Array
 from swimbase.checking import read
 from swimbase.errors import ArgumentError, ParameterError, RunError
-
-Array = NDArray[np.float64]
 
 FORMAT = 1
 
@@ -85,9 +82,7 @@ def make_ensemble(runs: Sequence[FinishedRun], settings: EnsembleSettings | None
         "candidates": len(pool),
         "ranges": _ranges(runs[0], values),
         "members": members,
-        "versions": versions(),
-        "commit": commit(),
-        "created": datetime.now(UTC).isoformat(timespec="seconds"),
+        **made_by(),
     }
 
 
@@ -154,11 +149,8 @@ def _common_conditions(runs: Sequence[FinishedRun]) -> dict[str, object]:
 def _gathered(run: FinishedRun) -> list[Member]:
     """The points that the run evaluated, and those that a study of it found to fit."""
     recorded = [Member(np.array(entry.point), entry.loss, "record") for entry in run.record]
-    path = run.folder.path / IDENTIFIABILITY
-    if not path.is_file():
-        return recorded
-    study = read_study(path)
-    if study.difference(run.conditions()):
+    study = study_of(run.folder)
+    if study is None or study.difference(run.conditions()):
         return recorded
     return recorded + [Member(np.array(one.point), one.loss, "identify") for one in (study.lowest, *study.checked)]
 

@@ -6,12 +6,10 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from swim2real.calibration.problem import Problem
 from swim2real.parameters import ParameterSpace
-
-Array = NDArray[np.float64]
+from swimbase.arrays import Array
 
 _LEAST = 1e-5  # m, of a misfit; no camera sees less
 
@@ -56,12 +54,12 @@ def independent_numbers(residual: Array, blocks: Sequence[tuple[int, int]]) -> f
     for rows, columns in blocks:
         noise = residual[first : first + rows * columns].reshape(rows, columns)
         first += rows * columns
-        between, along = np.einsum("ti,tj->ij", noise, noise) / rows, autocorrelation(noise)
+        between, along = np.einsum("ti,tj->ij", noise, noise) / rows, _autocorrelation(noise)
         count += _participation(between) * _independent_frames(along)
     return count
 
 
-def autocorrelation(noise: Array) -> Array:
+def _autocorrelation(noise: Array) -> Array:
     """Autocorrelation of all channels together, not centered, biased toward 0 at long lags so that it is a covariance.
 
     Args:

@@ -42,7 +42,7 @@ class FinishedRun:
         return min(self.record, key=lambda entry: entry.loss)
 
     def conditions(self) -> dict[str, object]:
-        """What decides a loss, for the file of a study: robot, protocol, trials, reference and engine."""
+        """Conditions that decide a loss, for the file of a study: robot, protocol, trials, reference and engine."""
         conditions = {
             "robot": self.settings.robot,
             "parameters": list(self.space.names),

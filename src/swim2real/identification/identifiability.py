@@ -10,18 +10,16 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Literal, Self
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import BaseModel, FiniteFloat, NonNegativeFloat, NonNegativeInt, model_validator
 
 from swim2real.calibration.convergence import ends_of, noise_of
 from swim2real.calibration.file_models import Share
 from swim2real.calibration.loop import write_fit
-from swim2real.calibration.provenance import commit, versions
+from swim2real.calibration.provenance import made_by
 from swim2real.calibration.run_folder import RunFolder
 from swim2real.calibration.sensitivity import Slopes
 from swim2real.identification.evaluated import EvaluatedPoint, evaluated, independent_numbers
@@ -34,10 +32,9 @@ from swim2real.settings import IdentifiabilitySettings
 from swim2real.simulation import Simulator, Swim
 from swim2real.trials import Actuation, TrialSet
 from swimbase import store
-from swimbase.checking import check
+from swimbase.arrays import Array
+from swimbase.checking import read
 from swimbase.errors import RunError
-
-Array = NDArray[np.float64]
 
 FORMAT = 2
 IDENTIFIABILITY = "identifiability.json"
@@ -62,7 +59,7 @@ class _Point(BaseModel):
 
 
 class Interval(BaseModel):
-    """What the sets that fit say of a parameter, in its unit.
+    """Interval of a parameter over the sets that fit, in its unit.
 
     Attributes:
         median: Half of the sets have more.
@@ -153,7 +150,7 @@ class Study(BaseModel, extra="allow"):
         return self.model_dump(mode="json", exclude_unset=True)
 
     def difference(self, conditions: Mapping[str, object]) -> str:
-        """What the study was made with that is another now, with its values then and now; empty where nothing is."""
+        """Conditions of the study that are others now, with their values then and now; empty if none is."""
         content = self.model_dump(mode="json")
         for key, value in conditions.items():
             if content.get(key) != value:
@@ -164,7 +161,7 @@ class Study(BaseModel, extra="allow"):
 
 @dataclass(frozen=True)
 class StudyProgress:
-    """What a person wants to see while it goes on.
+    """Progress of a study.
 
     Attributes:
         evaluations: Number of evaluations so far.
@@ -204,7 +201,7 @@ def identify(
 
 
 def known_so_far(run: FinishedRun) -> tuple[float, dict[str, tuple[float, float]]]:
-    """What an interrupted study knows: its lowest loss [m], and values within which its error rises by less than 10 %.
+    """Findings of an interrupted study: its lowest loss [m], and values within which its error rises by less than 10 %.
 
     Raises:
         RunError: There is no study, or it can't be read.
@@ -283,12 +280,11 @@ class _Studying:
 
     def _earlier(self) -> Study | None:
         """The study that is on the disk, None where there is none; what it evaluated is taken over."""
-        path = self._run.folder.path / IDENTIFIABILITY
-        if not path.is_file():
+        if (study := study_of(self._run.folder)) is None:
             return None
-        study = read_study(path)
         wanted = {**self._run.conditions(), "settings": asdict(self._settings), "start": _start(self._run)}
         if changed := study.difference(wanted):
+            path = self._run.folder.path / IDENTIFIABILITY
             raise RunError(f"'{path}' is a study with {changed}; begin anew with --again")
         kept = self._run.folder.path / EVALUATED
         if not study.complete and kept.is_file():
@@ -335,9 +331,7 @@ class _Studying:
             "draws": np.round(kept, 6).tolist(),
             "checked": [_Point(point=one.point.tolist(), loss=one.loss) for one in found.checked],
             "speeds": self._predicted(kept),
-            "versions": versions(),
-            "commit": commit(),
-            "created": datetime.now(UTC).isoformat(timespec="seconds"),
+            **made_by(),
         }
         return self._study.model_copy(update=content)
 
@@ -441,13 +435,13 @@ def directions(draws: Array, names: Sequence[str]) -> list[Direction]:
 
 
 def outdated(run: FinishedRun) -> bool:
-    """Whether there is a study of the run from before it went on to a lower loss.
+    """True if there is a study of the run from before it went on to a lower loss.
 
     Raises:
         RunError: The study is damaged.
     """
-    path = run.folder.path / IDENTIFIABILITY
-    return path.is_file() and bool(read_study(path).difference({"start": _start(run)}))
+    study = study_of(run.folder)
+    return study is not None and bool(study.difference({"start": _start(run)}))
 
 
 def _start(run: FinishedRun) -> dict[str, object]:
@@ -464,11 +458,20 @@ def sets_that_fit(folder: RunFolder, robot: Robot) -> list[Values]:
     Raises:
         RunError: The study is damaged.
     """
-    path = folder.path / IDENTIFIABILITY
-    if not path.is_file():
+    if (study := study_of(folder)) is None:
         return []
-    space, draws = replace(robot.space, scale=folder.settings().resolved_scale), read_study(path).draws
+    space, draws = replace(robot.space, scale=folder.settings().resolved_scale), study.draws
     return [space.to_values(draw) for draw in draws[:: max(1, len(draws) // PREDICTING)]]
+
+
+def study_of(folder: RunFolder) -> Study | None:
+    """The study of a run, complete or not; None without one.
+
+    Raises:
+        RunError: The study is damaged.
+    """
+    path = folder.path / IDENTIFIABILITY
+    return read_study(path) if path.is_file() else None
 
 
 def read_study(path: str | Path) -> Study:
@@ -477,10 +480,4 @@ def read_study(path: str | Path) -> Study:
     Raises:
         RunError: Not there, damaged, or of another format.
     """
-    try:
-        content = store.read_json(path)
-    except FileNotFoundError:
-        raise RunError(f"'{path}' is not there; swim2real identify writes it") from None
-    except (OSError, ValueError) as error:
-        raise RunError(f"'{path}' can't be read: {error}; begin anew with --again") from error
-    return check(Study, content, f"'{path}'", RunError, "begin anew with --again")
+    return read(Study, path, "study", RunError, "begin anew with --again")

@@ -1,7 +1,7 @@
 """Which trial to film next: the one that is expected to leave the least of the region of the sets that fit.
 
 For each possible trial the set that fits best stands in for the robot: what it does is simulated, and other sets of the
-study are compared with that. How their residuals differ says which of them the trial would tell apart. A residual's
+study are compared with that. How their residuals differ says which of them the trial would distinguish. A residual's
 weight is the study's, so model error counts as noise here as well. All is taken as linear in the sets (ensemble Kalman
 update: Evensen, Ocean Dynamics 53, 343 (2003)); what of the residuals isn't linear in the parameters counts as noise.
 """
@@ -10,27 +10,24 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from markertrack.track import MarkerTrack
 from motorline.commands import CommandTable, write_table
 from swim2real.calibration.problem import Problem
-from swim2real.calibration.provenance import commit, versions
+from swim2real.calibration.provenance import made_by
 from swim2real.identification.evaluated import EvaluatedPoint, evaluated
 from swim2real.identification.finished_run import FinishedRun
-from swim2real.identification.identifiability import IDENTIFIABILITY, read_study
+from swim2real.identification.identifiability import IDENTIFIABILITY, study_of
 from swim2real.identification.possible_trials import PossibleTrial, column_names
 from swim2real.trials import TrialSet
 from swimbase import store
+from swimbase.arrays import Array
 from swimbase.errors import RunError, TrialError
-
-Array = NDArray[np.float64]
 
 FORMAT = 1
 NEXT, COMMANDS = "next.json", "next.csv"
@@ -81,9 +78,8 @@ def fitting_sets(run: FinishedRun) -> FittingSets:
     """
     path = run.folder.path / IDENTIFIABILITY
     first = f"run swim2real identify {run.folder.path} first"
-    if not path.is_file():
+    if (study := study_of(run.folder)) is None:
         raise RunError(f"run '{run.folder.path}' has no study of the sets that fit; {first}")
-    study = read_study(path)
     if not study.complete:
         raise RunError(f"the study in '{path}' isn't complete; {first}, which goes on with it")
     if changed := study.difference(run.conditions()):
@@ -139,7 +135,7 @@ def simulated_trial(problem: Problem, possible: PossibleTrial, values: dict[str,
 
 
 def expected_reduction(points: Array, residuals: Array, weight: float) -> tuple[float, Array]:
-    """What a trial is expected to leave of the region of sets.
+    """Share of the region of sets that a trial is expected to leave.
 
     With the anomalies A of the points and R of the residuals, centered and divided by the root of m - 1, the covariance
     C = A Aᵀ becomes A (1 + w Rᵀ R)⁻¹ Aᵀ.
@@ -191,7 +187,7 @@ def write_next(folder: Path, run: FinishedRun, judged: Sequence[JudgedTrial]) ->
             for one in ranked if not one.reason
         ],
         "left_out": [{"label": one.possible.label, "reason": one.reason} for one in ranked if one.reason],
-        "versions": versions(), "commit": commit(), "created": datetime.now(UTC).isoformat(timespec="seconds"),
+        **made_by(),
     }  # fmt: skip
     columns = column_names(run.problem.robot, ranked[0].possible.columns)
     with store.writing(folder, RunError, "give another folder with --out"):
@@ -205,7 +201,7 @@ def _judged(
     run: FinishedRun, possible: PossibleTrial, problem: Problem, points: Sequence[Array], weight: float,
     pause: Callable[[], None],
 ) -> JudgedTrial:  # fmt: skip
-    """What sets would leave in a trial, and what it would therefore tell."""
+    """Judges a trial by the sets that it would leave."""
     done: list[EvaluatedPoint] = []
     for first in range(0, len(points), _BATCH):
         done += evaluated(problem, run.space, points[first : first + _BATCH])

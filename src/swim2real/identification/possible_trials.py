@@ -1,4 +1,4 @@
-"""Trials that a robot could be filmed in: what its actuators are told, as `deploy` sends it and as it is simulated.
+"""Trials that a robot could be filmed in: the commands of its actuators, as `deploy` sends it and as it is simulated.
 
 They ask for no more than the filmed ones did, or than the robot file allows a policy.
 """
@@ -11,7 +11,6 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from markertrack.track import MarkerTrack
 from motorline.commands import FISH, RATE
@@ -20,9 +19,8 @@ from swim2real.parameters import Values
 from swim2real.robots.robot import CommandLimits, Robot
 from swim2real.simulation import Rollout, Swim
 from swim2real.trials import Signals, Trial
+from swimbase.arrays import Array
 from swimbase.errors import RunError
-
-Array = NDArray[np.float64]
 
 _FREQUENCIES, _SLOWER, _FASTER = 12, 0.7, 1.4  # of beats; times the lowest and the highest one that was filmed
 _CYCLES = (2.0, 6.0, 18.0)  # of the sines in a trial
@@ -97,7 +95,7 @@ def _frequency(prepared: Any) -> float:
 
 
 def _columns(robot: Robot, trial: Trial, frequency: float) -> dict[str, Array]:
-    """What a trial's actuators are told at 50 Hz."""
+    """Commands of a trial's actuators at 50 Hz."""
     since = np.arange(max(1, round(trial.track.duration * RATE))) / RATE
     return {
         name: drive.commands(since, frequency)
@@ -108,7 +106,7 @@ def _columns(robot: Robot, trial: Trial, frequency: float) -> dict[str, Array]:
 
 
 def _allowed(robot: Robot, columns: Mapping[str, Array], filmed: Sequence[Mapping[str, Array]]) -> bool:
-    """Whether no command is beyond both the robot file's limits of a policy and what was filmed."""
+    """True if no command is beyond both the robot file's limits of a policy and what was filmed."""
     limits: Mapping[str, CommandLimits] = {} if robot.policy is None else robot.policy.actuators
     for name, limit in limits.items():
         if name not in columns:

@@ -14,12 +14,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from swim2real.identification.emulator import Emulator
 from swim2real.identification.evaluated import EvaluatedPoint
-
-Array = NDArray[np.float64]
+from swimbase.arrays import Array
 
 BATCH = 32  # points that are evaluated between two emulators
 _CHAINS, _STEPS, _LAST_STEPS, _THINNED = 160, 400, 1600, 20
@@ -32,7 +30,7 @@ _UNIFORM = 1 / 12  # variance of a parameter that nothing determines
 
 @dataclass(frozen=True)
 class Posterior:
-    """What fits.
+    """Sample of the parameter sets that fit.
 
     Attributes:
         draws: Points of the unit cube, as likely as they fit. Shape (K, d).
@@ -100,7 +98,7 @@ def _lowest(evaluated: Sequence[EvaluatedPoint]) -> EvaluatedPoint:
 
 
 def _determined(draws: Array) -> float:
-    """How many directions are narrower than nothing would leave them, each by its share."""
+    """Number of directions that are narrower than without data, each by its share."""
     variances = np.linalg.eigvalsh(np.atleast_2d(np.cov(draws.T)))
     return float(np.sum(1 - np.clip(variances / _UNIFORM, 0.0, 1.0)))
 

@@ -1,4 +1,4 @@
-"""How far simulated trials are from real ones. Arrays only: knows no simulator and no optimizer."""
+"""Distance of simulated trials from real ones. Arrays only: knows no simulator and no optimizer."""
 
 from swim2real.objective.alignment import Alignment, align
 from swim2real.objective.comparison import Comparison, evidence, rounded
@@ -15,22 +15,7 @@ from swim2real.objective.trial import (
 )
 
 __all__ = [
-    "FAILED_LOSS",
-    "TAIL_FIRST_LOSS",
-    "Alignment",
-    "ComparedBeat",
-    "ComparedHead",
-    "ComparedProgress",
-    "ComparedSensor",
-    "ComparedTrial",
-    "Comparison",
-    "SensorTarget",
-    "Target",
-    "align",
-    "compare_playback",
-    "compare_steady",
-    "evidence",
-    "playback_target",
-    "rounded",
-    "steady_target",
-]
+    "FAILED_LOSS", "TAIL_FIRST_LOSS", "Alignment", "ComparedBeat", "ComparedHead", "ComparedProgress", "ComparedSensor",
+    "ComparedTrial", "Comparison", "SensorTarget", "Target", "align", "compare_playback", "compare_steady", "evidence",
+    "playback_target", "rounded", "steady_target",
+]  # fmt: skip

@@ -7,12 +7,10 @@ from dataclasses import dataclass
 from typing import Any, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
 from swim2real.objective.figures import AVERAGED
 from swim2real.objective.trial import FAILED_LOSS, LEAST_DISTANCE, TAIL_FIRST_LOSS, ComparedTrial
-
-Array = NDArray[np.float64]
+from swimbase.arrays import Array
 
 _DIGITS = 9  # significant digits of a number in JSON
 
@@ -55,12 +53,12 @@ class Comparison:
 
     @property
     def tail_first(self) -> bool:
-        """Whether any trial whose whole motion is compared is simulated tail first, or a swim that no trial shows."""
+        """True if any trial whose whole motion is compared is simulated tail first, or a swim that no trial shows."""
         return any(swim.tail_first for swim in (*self.trials, *self.unfilmed))
 
     @property
     def loss(self) -> float:
-        """What is minimized [m]; `FAILED_LOSS` when any simulation diverged.
+        """Quantity that is minimized [m]; `FAILED_LOSS` when any simulation diverged.
 
         Where any trial goes tail first `TAIL_FIRST_LOSS` is added, so that no such candidate is better than one that
         goes forward. Among them the loss falls the nearer they are to forward, as each trial's own does.

@@ -26,13 +26,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
 from swim2real.objective.target import Target
+from swimbase.arrays import Array
 from swimbase.errors import TrialError
-
-Array = NDArray[np.float64]
 
 _HARMONICS = 3
 _LOWEST, _HIGHEST = np.log(1e-3), np.log(1e4)  # of κ
@@ -41,7 +39,7 @@ _GRID = 60
 
 @dataclass(frozen=True)
 class TailMotion:
-    """What the theory needs of a swim.
+    """Motion of a tail, as the theory needs it.
 
     Attributes:
         name: Name of the trial.

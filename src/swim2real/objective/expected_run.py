@@ -1,7 +1,7 @@
-"""What a robot is expected to do under a table of commands, and what a film shows that it did.
+"""Expected motion of a robot under a table of commands, and its comparison with a film.
 
-Both are told by the two markers of the robot's frame, as from its start: x backward, y to the side, heading 0. So a
-hull that rolls sways in the expectation as its markers do in the film.
+The two markers of the robot's frame describe both, as from its start: x backward, y to the side, heading 0. So a hull
+that rolls sways in the expectation as its markers do in the film.
 """
 
 from __future__ import annotations
@@ -12,16 +12,15 @@ from typing import Annotated, Literal
 
 import numpy as np
 from annotated_types import MinLen
-from numpy.typing import NDArray
 from pydantic import BaseModel
 from scipy.signal import find_peaks
 
 from markertrack import frames
 from swim2real.trials import Trial, TrialSet
+from swimbase.arrays import Array
 from swimbase.checking import Label, Number, Positive, read
 from swimbase.errors import ArgumentError, TrialError
 
-Array = NDArray[np.float64]
 Series = Annotated[list[Number], MinLen(2)]
 
 ENDING = ".expected.json"  # of the file's name, in place of the table's
@@ -52,7 +51,7 @@ class Band(BaseModel):
 
 
 class ExpectedRun(BaseModel):
-    """What a table of commands is expected to do.
+    """Expected motion under a table of commands.
 
     Attributes:
         robot: Name of the robot.
@@ -93,7 +92,7 @@ class ExpectedRun(BaseModel):
 
     @property
     def sentence(self) -> str:
-        """What is expected at the end, in words."""
+        """Expectation for the end, in words."""
         came = [time for time in self.arrivals if time is not None]
         of = f" of {self.sets} sets" if self.sets > 1 else ""
         goal = f", goal reached by {len(came)}{of} after {min(came):.1f} to {max(came):.1f} s" if came else ""
@@ -147,7 +146,7 @@ Row = tuple[float | None, float | None, float | None, float | None]
 
 @dataclass(frozen=True)
 class _RealRun:
-    """What a real robot did, beside what was expected.
+    """Motion of a real robot, beside the expected one.
 
     Attributes:
         trial: Name of the trial.
@@ -191,7 +190,7 @@ def compare_run(expected: ExpectedRun, trials: TrialSet, trial: Trial, begin: fl
     """
     if missing := [name for name in expected.frame if name not in trials.marker_names]:
         raise ArgumentError(
-            f"the expected run of robot '{expected.robot}' is told by the markers {' and '.join(expected.frame)}; the "
+            f"the expected run of robot '{expected.robot}' has the markers {' and '.join(expected.frame)}; the "
             f"trials have {', '.join(trials.marker_names)}: track {missing[0]}, too"
         )
     if begin is None:

@@ -27,7 +27,7 @@ _FACTORS: Mapping[str, float] = {"mm": 1e3, "mm/s": 1e3, "Â°": 180 / math.pi, "Â
 
 @dataclass(frozen=True)
 class Figure:
-    """How a figure is shown.
+    """Label, unit and meaning of a figure.
 
     Attributes:
         label: What it is.
@@ -170,7 +170,7 @@ class Figures(_Part):
 
 
 class Beat(_Part):
-    """How markers beat: one number per marker."""
+    """Beat of the markers: one number per marker."""
 
     amplitude: list[Fact]
     phase: list[Fact]
@@ -284,7 +284,7 @@ def figures_for(registered: bool) -> dict[str, Figure]:
 
 
 def sensor_figure(name: str, unit: str) -> Figure:
-    """How the error of a sensor is shown."""
+    """Label and unit of a sensor's error."""
     return Figure(name, unit, "Mean difference of the readings.", name, digits=None)
 
 

@@ -1,4 +1,4 @@
-"""How a swimmer's head moves about its path: the way that it has come, its sway and its yaw.
+"""Motion of a swimmer's head about its path: the way that it has come, its sway and its yaw.
 
 A beating tail pushes the head about. The body frame can't show it, since it stands on the head, and the world shows it
 only together with the course. The path is what is left of the head's motion without its oscillation at the beat and the
@@ -13,12 +13,10 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from markertrack import frames
+from swimbase.arrays import Array
 from swimbase.errors import TrialError
-
-Array = NDArray[np.float64]
 
 _HARMONICS = 2  # of the beat that an oscillation is described by
 _FEWEST_FRAMES = 12
@@ -161,7 +159,7 @@ class _Fit:
 
     @property
     def rms(self) -> float:
-        """What is left unexplained."""
+        """Root mean square of the part that the fit leaves unexplained."""
         return float(np.sqrt(np.square(self._left).mean()))
 
     def oscillation(self, column: int) -> Oscillation:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from markertrack import frames
@@ -22,9 +21,8 @@ from swim2real.objective.trial import (
     LossFigure,
 )
 from swim2real.trials import Trial
+from swimbase.arrays import Array
 from swimbase.errors import TrialError
-
-Array = NDArray[np.float64]
 
 
 def compare_steady(target: Target, simulated: Trial, *, fit_phase: bool = True) -> ComparedTrial:
@@ -121,7 +119,7 @@ def compare_playback(target: Target, simulated: Trial) -> ComparedTrial:
 def _compared(
     target: Target, loss_figure: LossFigure, simulated: Array, path: Array, progress: Array | None, velocity: float
 ) -> ComparedTrial:
-    """What every compared trial has, and the way that it has come where that is scored."""
+    """Builds the parts of every compared trial, and the way that it has come if that is scored."""
     way = None
     if target.progress is not None and target.velocity is not None and progress is not None:
         way = ComparedProgress(target.progress, progress, target.velocity, velocity)

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from swimbase.arrays import Array
 
 WINDOWS = 8
 _FEWEST_FRAMES = 8  # in which a marker must be seen, so that a sine can be fitted to its motion

@@ -6,14 +6,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from markertrack import frames
 from swim2real.objective.head import HeadMotion, head_motion
 from swim2real.trials import Signals, Trial
+from swimbase.arrays import Array, Mask
 from swimbase.errors import TrialError, about
-
-Array = NDArray[np.float64]
 
 SHARPEST = np.deg2rad(10.0)  # RMS of a heading that neither the beat nor a slow turn explain
 
@@ -92,7 +90,7 @@ def steady_target(
         whole_motion: Whether the motion of the head about its path is compared as well.
 
     Raises:
-        TrialError: The head's path can't be told from its motion about it.
+        TrialError: The head's path can't be distinguished from its motion about it.
     """
     track = trial.track
     times, body = track.times - track.times[0], track.body
@@ -152,7 +150,7 @@ def playback_target(
     return Target(trial, times, times, counted, real, world, frame, progress, velocity, sensors)
 
 
-def framed(weights: Array, frame: tuple[int, int] | None) -> NDArray[np.bool_]:
+def framed(weights: Array, frame: tuple[int, int] | None) -> Mask:
     """Time stamps at which the markers of the frame of comparison count; all of them in the world. Shape (T,)."""
     return np.all(weights[:, frame or ()] > 0, axis=1)
 

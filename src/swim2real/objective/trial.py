@@ -11,15 +11,14 @@ from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from markertrack import frames
 from swim2real.objective.alignment import weighted_distance
 from swim2real.objective.head import HeadMotion, Oscillation
 from swim2real.objective.motion import beat, finite_mean, main_amplitudes, windowed_means, windows
 from swim2real.objective.target import framed
+from swimbase.arrays import Array, Mask
 
-Array = NDArray[np.float64]
 LossFigure = Literal["motion_error", "aligned_marker_error", "marker_error"]
 
 FAILED_LOSS = 1.0  # m, the loss of a simulation that diverged: finite and of physical size
@@ -60,7 +59,7 @@ class ComparedSensor:
 
 @dataclass(frozen=True)
 class ComparedBeat:
-    """What only steady swims have.
+    """Data that only steady swims have.
 
     Attributes:
         frequency: Frequency of the simulated motor [Hz].
@@ -175,7 +174,7 @@ class ComparedTrial:
 
     @cached_property
     def residual(self) -> Array:
-        """The shape residual and, along x, how much farther the simulation hasn't come [m]. Shape (T, M, 2)."""
+        """Shape residual plus the lag in progress along x [m]. Shape (T, M, 2)."""
         if self.progress is None:
             return self.shape_residual
         behind = self.progress.real - self.progress.simulated  # a robot moves toward -x of its frame
@@ -194,7 +193,7 @@ class ComparedTrial:
 
     @cached_property
     def recoil_residual(self) -> Array:
-        """What the difference in yaw and sway alone moves the real markers by [m]; NaN without a path. (T, M, 2)."""
+        """Real markers moved by the difference in yaw and sway alone [m]; NaN without a path. (T, M, 2)."""
         if self.head is None or self.head.simulated is None:
             return np.full_like(self.real, np.nan)
         swayed = replace(self.head.simulated, progress=self.head.real.progress)
@@ -202,7 +201,7 @@ class ComparedTrial:
 
     @property
     def tail_first(self) -> bool:
-        """Whether a trial whose whole motion is compared is simulated tail first."""
+        """True if a trial whose whole motion is compared is simulated tail first."""
         return self._backward > 0
 
     @property
@@ -214,7 +213,7 @@ class ComparedTrial:
 
     @property
     def loss(self) -> float:
-        """What the trial adds to the loss before the mean over trials [m]; never negative.
+        """Part of the trial in the loss, before the mean over trials [m]; never negative.
 
         Where the whole motion is compared, the mean way that the simulation goes tail first is added once more.
         """
@@ -355,7 +354,7 @@ class ComparedTrial:
         return float(np.abs(turns[1] - turns[0]).mean())
 
     @property
-    def framed(self) -> NDArray[np.bool_]:
+    def framed(self) -> Mask:
         """Time stamps at which the markers of the frame of comparison count. Shape (T,)."""
         return framed(self.weights, self.frame)
 
@@ -417,7 +416,7 @@ class ComparedTrial:
         return {**figures, "loss": self.loss, "divergence": self.divergence}
 
     def evidence(self) -> dict[str, object]:
-        """What tells more than the figures: errors of each marker, and how real and simulated markers move.
+        """Evidence beyond the figures: errors of each marker, and motion of real and simulated markers.
 
         `seen_shares` are each marker's shares of frames that count.
         A trial with a beat has `beat_real` and `beat_simulated`, as `beat` gives them, and `path_beat_real` and

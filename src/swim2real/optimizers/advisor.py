@@ -18,7 +18,7 @@ DECIMALS = 6  # of what a built-in advisor proposes: a processor's last digits m
 
 @dataclass(frozen=True)
 class Proposal:
-    """Where an advisor would go, and why.
+    """Point that an advisor would go to, and its reason.
 
     Attributes:
         point: Point of the unit cube. Shape (d,).
@@ -132,7 +132,7 @@ class Round:
 
 @dataclass(frozen=True)
 class Situation:
-    """What an advisor knows when it is asked for a proposal.
+    """Knowledge of an advisor when it is asked for a proposal.
 
     Attributes:
         incumbent: Best evaluation so far.
@@ -171,7 +171,7 @@ class Advisor(Protocol):
 
 
 def reads_residuals(advisor: Advisor | None) -> bool:
-    """Whether evaluations need residuals for this advisor."""
+    """True if evaluations need residuals for this advisor."""
     return bool(getattr(advisor, "needs_residual", False))
 
 

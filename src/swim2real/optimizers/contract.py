@@ -1,19 +1,18 @@
-"""The ask/tell contract: `ask()` gives a candidate, `tell()` takes its evaluation; and the simplest optimizer."""
+"""The ask/tell contract: `ask()` gives a candidate, `tell()` takes its evaluation. With random search and a sequel."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from numbers import Integral
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from swimbase.arrays import Array
 from swimbase.errors import OptimizerError
-
-Array = NDArray[np.float64]
 
 
 def cube_point(point: ArrayLike, dimension: int | None = None) -> Array:
@@ -92,7 +91,7 @@ class Optimizer(ABC):
     """Proposes points of the unit cube and learns from their losses.
 
     Attributes:
-        needs_residual: Whether it must be told residuals. They aren't on record, so a resumed run simulates again.
+        needs_residual: Whether tell() needs residuals; they aren't recorded, so resuming simulates again.
         done: Whether it expects to find nothing better; evaluations alone decide it, never time.
     """
 
@@ -107,7 +106,7 @@ class Optimizer(ABC):
         """The next candidate.
 
         Raises:
-            OptimizerError: The last candidate hasn't been told yet.
+            OptimizerError: The last candidate's evaluation is missing.
         """
         if self._pending is not None:
             raise OptimizerError("ask() was called twice; tell() the evaluation of the last candidate first")
@@ -161,3 +160,44 @@ class RandomSearch(Optimizer):
 
     def _learn(self, evaluation: Evaluation) -> None:
         """Random search learns nothing."""
+
+
+class Sequel(Optimizer):
+    """One optimizer for its budget, then another one, which is made with the best point so far."""
+
+    needs_residual = True
+
+    def __init__(self, first: Optimizer, budget: int, then: Callable[[Array], Optimizer]) -> None:
+        """Prepares both.
+
+        Args:
+            first: The optimizer that begins.
+            budget: Its evaluations.
+            then: Makes the other one from the best point. Shape (d,).
+        """
+        super().__init__(first.dimension)
+        self._current, self._left, self._then = first, budget, then
+        self._best: Evaluation | None = None
+
+    @property
+    def ends(self) -> Sequence[float]:
+        return self._current.ends
+
+    def upcoming(self) -> Sequence[Candidate]:
+        return () if self._left else self._current.upcoming()
+
+    def _next(self) -> Candidate:
+        return self._current.ask()
+
+    def _learn(self, evaluation: Evaluation) -> None:
+        self._current.tell(evaluation)
+        self.done = not self._left and self._current.done
+        if not self._left:
+            return
+        self._left -= 1
+        if not evaluation.failed and (self._best is None or evaluation.loss < self._best.loss):
+            self._best = evaluation
+        if not self._left:
+            if self._best is None:
+                raise OptimizerError("every evaluation so far has failed, so there is nothing to go on from")
+            self._current = self._then(self._best.candidate.point)

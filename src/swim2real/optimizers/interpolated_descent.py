@@ -18,7 +18,7 @@ import numpy as np
 from swim2real.optimizers.contract import Array, Candidate, Evaluation, cube_point
 from swim2real.optimizers.least_squares import lowest_within
 
-_OPEN, _KNOWN = 0.3, 0.01  # per range: standard deviations of parameters that a stage doesn't tell, and at least
+_OPEN, _KNOWN = 0.3, 0.01  # per range: standard deviations of parameters that a stage doesn't determine, and at least
 _GAIN = 0.02  # share of the squares that counts as one
 _APART = 0.01  # of the trust: steps nearer to each other than this are the same
 _LEAST_SHARE, _MOST_TRUST = 0.1, 0.5  # of the first radius that it shrinks to, and of a parameter's range
@@ -31,7 +31,7 @@ Search: TypeAlias = Generator[list[Candidate], list[Evaluation], Result]
 
 @dataclass(frozen=True)
 class _Pace:
-    """How fast a descent gives up.
+    """Patience of a descent.
 
     Attributes:
         patience: Pairs of points in a row without a gain that end it.

@@ -41,7 +41,7 @@ class _Descent:
 
     @property
     def is_stalled(self) -> bool:
-        """Whether two rounds have failed, or four have passed, since the loss was last clearly lowered."""
+        """True if two rounds have failed, or four have passed, since the loss was last clearly lowered."""
         mark, passed, failures = self.first.loss, 0, 0
         for finished in self.rounds:
             lowest = min(finished.incumbent.loss, *(step.evaluation.loss for step in finished.steps))
@@ -126,7 +126,7 @@ class BacktrackingLineSearch(Optimizer):
         return Candidate(point, note)
 
     def _present_descent(self) -> _Descent:
-        """The search that goes on, or the one that takes its place where it has stalled between two rounds."""
+        """The active descent, or the next one if it has stalled between two rounds."""
         between = self._proposal is None and not self._measurements
         if self._descent is not None and not (between and self._descent.is_stalled):
             return self._descent
@@ -147,7 +147,7 @@ class BacktrackingLineSearch(Optimizer):
         return self._decrease_factor ** len(self._steps)
 
     def _is_over(self, proposal: Proposal, incumbent: Evaluation) -> bool:
-        """Whether a round ends with a step that failed."""
+        """True if a round ends with a step that failed."""
         return len(self._steps) == self._max_steps
 
     def _learn(self, evaluation: Evaluation) -> None:

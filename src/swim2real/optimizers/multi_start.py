@@ -180,5 +180,5 @@ class MultiStart(Optimizer):
 
 
 def agreeing(ends: Sequence[float]) -> int:
-    """How many descents ended within a tenth of the best one's loss, that one included."""
+    """Number of descents that ended within a tenth of the best one's loss, that one included."""
     return sum(end <= (1 + AGREEMENT) * min(ends) for end in ends)

@@ -193,7 +193,7 @@ class Staged(Optimizer):
                 self._at_point = evaluation
             return
         if self._inner_candidate is None:
-            raise OptimizerError("a stage was told without a candidate")
+            raise OptimizerError("a stage got an evaluation without a candidate")
         self._tell(self._inner_candidate, evaluation)
         self._done += 1
 

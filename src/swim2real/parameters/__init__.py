@@ -4,11 +4,5 @@ from swim2real.parameters.file import ParametersFile, read_parameters, robot_of,
 from swim2real.parameters.space import Parameter, ParameterSpace, Values
 
 __all__ = [
-    "Parameter",
-    "ParameterSpace",
-    "ParametersFile",
-    "Values",
-    "read_parameters",
-    "robot_of",
-    "write_parameters",
-]
+    "Parameter", "ParameterSpace", "ParametersFile", "Values", "read_parameters", "robot_of", "write_parameters",
+]  # fmt: skip

@@ -19,7 +19,7 @@ BEST = "best.json"  # the parameters file of a run folder
 
 
 class _Content(BaseModel):
-    """What a parameters file says; other keys, such as the loss, are for people."""
+    """Content of a parameters file; other keys, such as the loss, are for people."""
 
     format: Literal[1]
     robot: str
@@ -31,7 +31,7 @@ class _Content(BaseModel):
 
 @dataclass(frozen=True)
 class ParametersFile:
-    """What a parameters file holds.
+    """Parameters read from a file.
 
     Attributes:
         values: Checked values, in the order of the space.

@@ -6,12 +6,6 @@ from swim2real.pipeline.tracking import TRACKS, TrackedVideo, TrackingReport, tr
 from swim2real.pipeline.tracking_many import track_videos
 
 __all__ = [
-    "TRACKS",
-    "TrackedVideo",
-    "TrackingReport",
-    "as_replayed",
-    "calibrate",
-    "make_optimizer",
-    "track_video",
+    "TRACKS", "TrackedVideo", "TrackingReport", "as_replayed", "calibrate", "make_optimizer", "track_video",
     "track_videos",
-]
+]  # fmt: skip

@@ -5,24 +5,10 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable
 from dataclasses import fields, replace
-from datetime import UTC, datetime
 from pathlib import Path
 
+from swim2real import calibration
 from swim2real.advisor import AdvisorContext, AdvisorEvent, ProbingAdvisor, make_advisor
-from swim2real.calibration import (
-    Outcome,
-    Problem,
-    Progress,
-    RunFolder,
-    RunSettings,
-    Slopes,
-    commit,
-    conclude,
-    minimize,
-    reference_fingerprint,
-    sensitivities,
-    versions,
-)
 from swim2real.checks.delays import delays
 from swim2real.checks.mistakes import judged
 from swim2real.checks.probing import growing
@@ -54,10 +40,10 @@ _log = logging.getLogger(__name__)
 def calibrate(
     reference: TrialSet, robot: Robot, settings: CalibrationSettings, out: str | Path, *, source: str = "",
     resume: bool = False, sensitivity: bool = False, access: VlmAccess | None = None,
-    on_progress: Callable[[Progress], None] = lambda progress: None,
+    on_progress: Callable[[calibration.Progress], None] = lambda progress: None,
     on_advisor: Callable[[AdvisorEvent], None] = lambda event: None,
     on_warning: Callable[[str], None] | None = _log.warning,
-) -> Outcome:  # fmt: skip
+) -> calibration.Outcome:  # fmt: skip
     """Calibrates a robot's simulator against a reference, into a run folder.
 
     Args:
@@ -80,7 +66,7 @@ def calibrate(
         Swim2RealError: Something is wrong, which its sentence names.
     """
     robot.check_trials(reference)
-    folder = RunFolder(out)
+    folder = calibration.RunFolder(out)
     begun, minutes = folder.settings() if resume else None, settings.minutes or MINUTES
     if begun is not None and begun.budget is not None and (settings.budget is None or begun.finish):
         settings = replace(settings, method=begun.method, budget=begun.budget, finish=True)
@@ -93,7 +79,7 @@ def calibrate(
         for line in lines:
             on_warning(line)
     fitted, unseen = reference.split(settings.hold_out)
-    problem = Problem.with_settings(robot, fitted, settings)
+    problem = calibration.Problem.with_settings(robot, fitted, settings)
     held_out = None if unseen is None else problem.of(unseen)
     for name, found in problem.examinations().items():
         for doubt in found["doubts"]:
@@ -122,20 +108,20 @@ def calibrate(
             advisor = ScriptedAdvisor(recorded_advice(notes), then=advisor)
         optimizer = make_optimizer(resolved, robot, space, advisor, resolved.first_values)
         first = space.published if resolved.first == "model" else resolved.first_values
-        slopes = Slopes(space)
-        best, ending = minimize(
+        slopes = calibration.Slopes(space)
+        best, ending = calibration.minimize(
             problem, space, optimizer, None if resolved.finish else resolved.budget, folder, on_progress,
             None if first is None else space.to_cube(first), minutes, slopes, resolved.budget or 0,
         )  # fmt: skip
-        effects = sensitivities(problem, space, best.values) if sensitivity else None
+        effects = calibration.sensitivities(problem, space, best.values) if sensitivity else None
         late = [] if on_warning is None else delays(started(robot, fitted), fitted, best.values)
-        return conclude(folder, problem, held_out, best.values, effects, ending, slopes, late)
+        return calibration.conclude(folder, problem, held_out, best.values, effects, ending, slopes, late)
 
 
 def _resolved(
-    settings: CalibrationSettings, problem: Problem, reference: TrialSet, folder: Path, source: str,
-    begun: RunSettings | None,
-) -> RunSettings:  # fmt: skip
+    settings: CalibrationSettings, problem: calibration.Problem, reference: TrialSet, folder: Path, source: str,
+    begun: calibration.RunSettings | None,
+) -> calibration.RunSettings:  # fmt: skip
     """Settings with every choice made; a run that goes on has the choices that it had, where nothing else is asked."""
     robot, protocol = problem.robot, problem.protocol.name
     unknown = protocol == "playback" and settings.method in ADVISED and settings.advisor == PHYSICS
@@ -151,7 +137,7 @@ def _resolved(
     first_values = None
     if first == FROM_FILE:
         source_run = replayed_run(settings.advisor)
-        earlier = begun or (None if source_run is None else RunFolder(source_run).settings())
+        earlier = begun or (None if source_run is None else calibration.RunFolder(source_run).settings())
         first_values = None if earlier is None else earlier.first_values
     elif first not in FIRST:
         first, first_values = FROM_FILE, read_parameters(first, robot.name, robot.space).values
@@ -164,18 +150,16 @@ def _resolved(
         settings, protocol=protocol, start=problem.protocol.start, scale=settings.resolved_scale, first=first,
         starts=starts, hold_out=tuple(sorted(settings.hold_out)),
     )  # fmt: skip
-    return RunSettings(
+    return calibration.RunSettings(
         **vars(chosen),
         first_values=first_values,
         robot=robot.name,
         robot_fingerprint=None if robot.source is None else fingerprint(robot.source),
         robot_file=None if robot.source is None else path_from(folder, robot.source),
-        reference_fingerprint=reference_fingerprint(reference),
+        reference_fingerprint=calibration.reference_fingerprint(reference),
         reference=source_from(folder, source),
         engine=problem.engine,
-        versions=versions(),
-        commit=commit(),
-        created=datetime.now(UTC).isoformat(timespec="seconds"),
+        **calibration.made_by(),
     )
 
 
@@ -188,18 +172,18 @@ def as_replayed(settings: CalibrationSettings) -> CalibrationSettings:
     source = replayed_run(settings.advisor)
     if source is None:
         return settings
-    there, default = RunFolder(source).settings(), CalibrationSettings(advisor=settings.advisor)
+    there, default = calibration.RunFolder(source).settings(), CalibrationSettings(advisor=settings.advisor)
     names = [field.name for field in fields(default) if field.name not in ("advisor", "threads", "briefing")]
     taken = {name: getattr(there, name) for name in names if getattr(settings, name) == getattr(default, name)}
     return replace(settings, **taken)
 
 
-def _check_replay(settings: RunSettings) -> None:
+def _check_replay(settings: calibration.RunSettings) -> None:
     """A replay takes another way where anything else differs; better said at the start."""
     source = replayed_run(settings.advisor)
     if source is None:
         return
-    differing = settings.difference(replace(RunFolder(source).settings(), advisor=settings.advisor))
+    differing = settings.difference(replace(calibration.RunFolder(source).settings(), advisor=settings.advisor))
     if differing is not None:
         name, now, before = differing
         raise ArgumentError(f"a replay needs what '{source}' was run with: {name} was {before!r} and is now {now!r}")

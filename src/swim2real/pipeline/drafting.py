@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import os
+import re
 import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from xml.etree import ElementTree
 
 import mujoco
 import numpy as np
@@ -20,11 +22,13 @@ from swim2real.robots.file import PLANES, read_mjcf, robot_from_file
 from swim2real.robots.mjcf_files import root_tag
 from swim2real.robots.robot import Robot
 from swim2real.robots.targets import class_name
-from swim2real.robots.urdf import plain_urdf
 from swimbase.errors import RobotError, Swim2RealError
 from swimbase.names import label_fault, quoted
 from swimbase.store import reason, writing
 
+_NAME = re.compile(r"(?:package|model)://([^/]+)/(.+)|file://(.+)")
+_KEEPS = ("fusestatic", "discardvisual")  # what MuJoCo leaves out of a URDF unless set otherwise
+_ABOVE = 3  # folders above the file in which packages are looked for
 _UPRIGHT = 0.99  # the vertical part of a hinge's axis about which nothing tilts
 _REST_SHARE = 0.1  # by which the place of markers counts for the camera, beside their motion
 
@@ -91,7 +95,7 @@ def from_urdf(path: Path, packages: Mapping[str, Path]) -> Converted | None:
     beside = path.with_name(f".{path.stem}.part.urdf")  # where its meshes are found
     try:
         beside.unlink(missing_ok=True)  # a link that came with a folder would be followed
-        beside.write_bytes(plain_urdf(path, packages))
+        beside.write_bytes(_plain_urdf(path, packages))
         spec = read_mjcf(beside, alone=True)
         compiled(spec, f"model '{path}'")
     except OSError as error:
@@ -126,7 +130,7 @@ def _check_names(spec: mujoco.MjSpec, path: Path) -> None:
 
 
 def _first(path: Path, spec: mujoco.MjSpec, model: mujoco.MjModel) -> Draft:
-    """What the model alone tells."""
+    """Draft from the model alone."""
     sites = [site.name for site in spec.sites if site.name]
     if not sites and not spec.sensors:
         bodies = ", ".join(body.name for body in spec.bodies if body.name not in ("", "world")) or "none with a name"
@@ -234,3 +238,48 @@ def _way(model: Path, folder: Path) -> str:
         return Path(os.path.relpath(model.resolve(), folder.resolve())).as_posix()
     except ValueError:  # on another drive
         return model.resolve().as_posix()
+
+
+def _plain_urdf(path: Path, packages: Mapping[str, Path]) -> bytes:
+    """The text of a URDF to which MuJoCo's defaults do no harm.
+
+    Args:
+        path: Path of the file.
+        packages: Folders of packages that it names.
+
+    Raises:
+        RobotError: It isn't XML, or a mesh isn't found.
+        OSError: It can't be read.
+    """
+    try:
+        root = ElementTree.fromstring(path.read_bytes())
+    except ElementTree.ParseError as error:
+        raise RobotError(f"model '{path}' can't be read: {error}") from error
+    extension = root.find("mujoco")
+    extension = ElementTree.SubElement(root, "mujoco") if extension is None else extension
+    compiler = extension.find("compiler")
+    compiler = ElementTree.SubElement(extension, "compiler") if compiler is None else compiler
+    compiler.attrib |= dict.fromkeys(_KEEPS, "false") | compiler.attrib
+    for mesh in root.iter("mesh"):
+        if (named := _NAME.fullmatch(mesh.get("filename", ""))) and compiler.get("strippath") != "true":
+            place = Path(named[3]) if named[3] else _mesh_of(path, named[1], named[2], packages)
+            mesh.set("filename", Path(os.path.relpath(place, path.parent / compiler.get("meshdir", ""))).as_posix())
+    return ElementTree.tostring(root)
+
+
+def _mesh_of(path: Path, package: str, rest: str, packages: Mapping[str, Path]) -> Path:
+    """A file of a package: in its folder, else beside the URDF or above it, by the longest end of its name."""
+    parts = (package, *rest.split("/"))
+    tails = [Path(*parts[i:]) for i in range(len(parts))]
+    folders = [path.parent, *path.absolute().parent.parents[:_ABOVE]]
+    places = [folder / tail for tail in tails for folder in folders if len(tail.parts) > 1 or folder is folders[0]]
+    if package in packages:
+        places = [packages[package] / rest]
+    found = next((place for place in places if place.is_file()), None)
+    if found is None:
+        where = f"in '{packages[package]}'" if package in packages else "beside it or above"
+        raise RobotError(
+            f"model '{path}' names the mesh 'package://{package}/{rest}', which isn't {where}; put it beside the file, "
+            f"or say where the package is: --package {package}=FOLDER"
+        )
+    return found

@@ -6,33 +6,16 @@ import pkgutil
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from swim2real import optimizers
 from swim2real.methods import METHODS
-from swim2real.optimizers import (
-    Advisor,
-    BacktrackingLineSearch,
-    BayesianOptimization,
-    CmaEs,
-    LeastSquares,
-    MultiStart,
-    Optimizer,
-    ProposalSearch,
-    RandomSearch,
-    Sequel,
-    Stage,
-    Staged,
-    first_point,
-    streams,
-)
 from swim2real.optimizers.callback import CallbackSolver
 from swim2real.optimizers.mujoco_sysid import least_squares as solver
 from swim2real.parameters import ParameterSpace, Values
 from swim2real.robots.robot import Robot
 from swim2real.settings import PAPER_BUDGET, CalibrationSettings
+from swimbase.arrays import Array
 from swimbase.errors import ArgumentError
-
-Array = NDArray[np.float64]
 
 _INSIDE = 0.02  # of a parameter's range
 _STARTS_PER_PARAMETER = 2.5  # of method multi-start
@@ -56,13 +39,13 @@ class Start:
     settings: CalibrationSettings
     first: Array
     rng: np.random.Generator
-    advisor: Advisor | None
+    advisor: optimizers.Advisor | None
 
 
 def make_optimizer(
-    settings: CalibrationSettings, robot: Robot, space: ParameterSpace, advisor: Advisor | None = None,
+    settings: CalibrationSettings, robot: Robot, space: ParameterSpace, advisor: optimizers.Advisor | None = None,
     begin: Values | None = None,
-) -> Optimizer:  # fmt: skip
+) -> optimizers.Optimizer:  # fmt: skip
     """The optimizer of a run's settings, fresh.
 
     Args:
@@ -78,19 +61,19 @@ def make_optimizer(
         ArgumentError: The method needs an advisor and there is none, or stages that the robot hasn't.
         MissingExtraError: A library that the method needs isn't installed.
     """
-    first = first_point(len(space), settings.seed)
+    first = optimizers.first_point(len(space), settings.seed)
     if settings.first == "model":
         first = np.clip(space.to_cube(space.published), _INSIDE, 1 - _INSIDE)
     elif begin is not None:
         first = space.to_cube(begin)
-    _, rng, _ = streams(settings.seed)
+    _, rng, _ = optimizers.streams(settings.seed)
     budget = settings.budget
     optimizer = pkgutil.resolve_name(METHODS[settings.chosen_method].make)(
         Start(robot, space, settings, first, rng, advisor)
     )
     if settings.finish and budget is not None:
         later = np.random.default_rng([settings.seed, budget])
-        return Sequel(optimizer, budget, lambda best: _spread_starts(robot, best, later))
+        return optimizers.Sequel(optimizer, budget, lambda best: _spread_starts(robot, best, later))
     return optimizer
 
 
@@ -99,12 +82,14 @@ def default_starts(dimension: int, budget: int) -> int:
     return max(1, min(2 * dimension, budget // 10))
 
 
-def line_search(start: Start) -> Optimizer:
+def line_search(start: Start) -> optimizers.Optimizer:
     """The method line-search."""
-    return _descent(start, BacktrackingLineSearch)
+    return _descent(start, optimizers.BacktrackingLineSearch)
 
 
-def _descent(start: Start, kind: type[BacktrackingLineSearch | ProposalSearch]) -> Optimizer:
+def _descent(
+    start: Start, kind: type[optimizers.BacktrackingLineSearch | optimizers.ProposalSearch]
+) -> optimizers.Optimizer:
     if start.advisor is None:
         raise ArgumentError(f"method {start.settings.method} needs an advisor")
     return kind(
@@ -113,15 +98,15 @@ def _descent(start: Start, kind: type[BacktrackingLineSearch | ProposalSearch]) 
     )  # fmt: skip
 
 
-def proposal_search(start: Start) -> Optimizer:
+def proposal_search(start: Start) -> optimizers.Optimizer:
     """The method proposal-search."""
-    return _descent(start, ProposalSearch)
+    return _descent(start, optimizers.ProposalSearch)
 
 
-def _spread_starts(robot: Robot, first: Array, rng: np.random.Generator) -> MultiStart:
+def _spread_starts(robot: Robot, first: Array, rng: np.random.Generator) -> optimizers.MultiStart:
     count = round(_STARTS_PER_PARAMETER * len(first))
     smooth = robot.trials.steady and robot.swims.slow_mode  # swims at full length end at no threshold
-    return MultiStart([first, *_spread(len(first), count - 1, rng)], rng, smooth)
+    return optimizers.MultiStart([first, *_spread(len(first), count - 1, rng)], rng, smooth)
 
 
 def _spread(dimension: int, count: int, rng: np.random.Generator) -> list[Array]:
@@ -130,14 +115,14 @@ def _spread(dimension: int, count: int, rng: np.random.Generator) -> list[Array]
     return list((layers + rng.random((count, dimension))) / max(count, 1))
 
 
-def staged(start: Start) -> Optimizer:
+def staged(start: Start) -> optimizers.Optimizer:
     """The method staged: the robot's plan of stages in the unit cube."""
     robot, space = start.robot, start.space
     plan = robot.swims.fit_plan
     if plan is None:
         raise ArgumentError(f"robot '{robot.name}' has no stages, which method staged needs; choose another method")
     stages = [
-        Stage(
+        optimizers.Stage(
             one.name, tuple(space.names.index(name) for name in one.parameters), one.share,
             "scan" if one.together else "search", one.score,
         )
@@ -145,34 +130,36 @@ def staged(start: Start) -> Optimizer:
     ]  # fmt: skip
     held_point = space.to_cube({**space.to_values(start.first), **plan.held})
     held = {space.names.index(name): float(held_point[space.names.index(name)]) for name in plan.held}
-    return Staged(start.first, stages, start.settings.budget or PAPER_BUDGET, BayesianOptimization, start.rng, held)
+    return optimizers.Staged(
+        start.first, stages, start.settings.budget or PAPER_BUDGET, optimizers.BayesianOptimization, start.rng, held
+    )
 
 
-def random_search(start: Start) -> Optimizer:
+def random_search(start: Start) -> optimizers.Optimizer:
     """The method random, which also evaluates the first point."""
-    return RandomSearch(len(start.space), start.rng, start.first)
+    return optimizers.RandomSearch(len(start.space), start.rng, start.first)
 
 
-def cma_es(start: Start) -> Optimizer:
+def cma_es(start: Start) -> optimizers.Optimizer:
     """The method cma-es, which begins where its own population does, as in the paper."""
-    return CmaEs(len(start.space), start.rng)
+    return optimizers.CmaEs(len(start.space), start.rng)
 
 
-def bayesopt(start: Start) -> Optimizer:
+def bayesopt(start: Start) -> optimizers.Optimizer:
     """The method bayesopt."""
-    return BayesianOptimization(len(start.space), start.rng, start.first)
+    return optimizers.BayesianOptimization(len(start.space), start.rng, start.first)
 
 
-def least_squares(start: Start) -> Optimizer:
+def least_squares(start: Start) -> optimizers.Optimizer:
     """The method least-squares."""
-    return LeastSquares(start.first, start.rng)
+    return optimizers.LeastSquares(start.first, start.rng)
 
 
-def multi_start(start: Start) -> Optimizer:
+def multi_start(start: Start) -> optimizers.Optimizer:
     """The method multi-start."""
     return _spread_starts(start.robot, start.first, start.rng)
 
 
-def mujoco_sysid(start: Start) -> Optimizer:
+def mujoco_sysid(start: Start) -> optimizers.Optimizer:
     """The method mujoco-sysid."""
     return CallbackSolver(start.first, start.rng, solver(start.space), "mujoco.sysid")

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from markertrack import frames
 from markertrack.camera import fixed_camera
@@ -28,9 +27,8 @@ from swim2real.robots.robot import Robot
 from swim2real.trials import Trial, TrialSet
 from swim2real.trials.pose_tables import read_dlc
 from swimbase import store
+from swimbase.arrays import Array
 from swimbase.errors import ArgumentError, TrialError
-
-Array = NDArray[np.float64]
 
 ALL = "all.png"
 _MOMENTS, _COLUMNS, _TILE, _SMALL_TILE = 8, 4, 480, 240  # px for the tiles of a sheet
@@ -138,7 +136,8 @@ def draw_on_film(
         times = compared.times - compared.times[0]
         most = 0.6 * float(np.median(np.diff(times)))
         done = 0
-        with FilmOverlay(target, size, reader.info.fps, _lines(problem.robot, compared)) as overlay:
+        lines = problem.robot.links if compared.frequency is None else (tuple(range(len(problem.robot.marker_names))),)
+        with FilmOverlay(target, size, reader.info.fps, lines) as overlay:
             for frame in reader:
                 time = frame.time - span.begin
                 if span.after(frame.time) or time > times[-1] + most:
@@ -196,7 +195,7 @@ def in_world(compared: ComparedTrial, real: Array) -> Array:
 
 
 def _behind(compared: ComparedTrial) -> Array:
-    """How far the simulated robot lies behind the real one, along the frame's x [m]. Shape (T, 1, 2)."""
+    """Lag of the simulated robot behind the real one, along the frame's x [m]. Shape (T, 1, 2)."""
     behind = np.zeros_like(compared.times)
     if compared.progress is not None:
         behind = np.nan_to_num(compared.progress.real - compared.progress.simulated)
@@ -219,8 +218,3 @@ def _doubts(trial: Trial, tracked: Array, reference: Path) -> tuple[str, ...]:
         f"the red rings lie {np.median(known):.0f} px beside the markers, so this isn't the camera that tracked them; "
         f"give the same --camera as to track",
     )
-
-
-def _lines(robot: Robot, compared: ComparedTrial) -> tuple[tuple[int, ...], ...]:
-    """Indices of the markers that each line goes through: a swimmer's chain, or another robot's links."""
-    return tuple(robot.links) if compared.frequency is None else (tuple(range(len(robot.marker_names))),)

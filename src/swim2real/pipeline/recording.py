@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from markertrack.span import Span
 from markertrack.track import MarkerTrack
@@ -16,9 +15,8 @@ from swim2real.robots.robot import Robot
 from swim2real.trials import Signals, Trial
 from swim2real.trials.log_table import LogTable, choices
 from swim2real.trials.timebase import by_stamps
+from swimbase.arrays import Array
 from swimbase.errors import ArgumentError, TrialError, about
-
-Array = NDArray[np.float64]
 
 _DIGITS = 9  # of times in s
 
@@ -43,7 +41,7 @@ class Wanted:
     def of(
         cls, robot: Robot, time: Sequence[str], controls: Sequence[str], sensors: Sequence[str], markers: Sequence[str]
     ) -> Wanted:
-        """What options say, each as NAME=COLUMN.
+        """Reads options, each given as NAME=COLUMN.
 
         Raises:
             ArgumentError: The robot has no actuator that takes a table, no such sensor or no such marker.
@@ -54,7 +52,7 @@ class Wanted:
             choices(
                 "sensors",
                 sensors,
-                _measured(robot),
+                [sensor.name for sensor in robot.trials.sensors],
                 f"sensor under [recordings.sensors] of robot '{robot.name}'",
                 behind=partial(_behind, robot),
             ),
@@ -161,10 +159,6 @@ def recorded(
 def _commanded(robot: Robot) -> list[str]:
     """Actuators that a table drives."""
     return [name for name, drive in robot.trials.controls.items() if drive.table]
-
-
-def _measured(robot: Robot) -> list[str]:
-    return [sensor.name for sensor in robot.trials.sensors]
 
 
 def _signals(

@@ -39,11 +39,11 @@ from swimbase.names import composed
 from swimbase.store import read_json, write_json, writing
 
 TRACKS = "tracks"
-_ENDS = 1 << 20  # bytes of a video's beginning and end that tell it from others
+_ENDS = 1 << 20  # bytes of a video's beginning and end that distinguish it from others
 
 
 class TrackingReport(BaseModel):
-    """How a video was tracked and what was found, as in `tracks/NAME.json`.
+    """Report on a tracked video: method and findings, as in `tracks/NAME.json`.
 
     Attributes:
         fingerprint: Hash of the video, the points and the settings.

@@ -5,12 +5,10 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Callable, Sequence
-from datetime import UTC, datetime
-from importlib import metadata
 from pathlib import Path
 
 from swim2real.calibration.from_rest import backward_from_rest, from_rest
-from swim2real.calibration.provenance import commit, versions
+from swim2real.calibration.provenance import made_by
 from swim2real.parameters import Values
 from swim2real.rl import training
 from swim2real.rl.body import policy_setup
@@ -58,10 +56,10 @@ def train(
             raise ArgumentError(f"{where}; --anyway trains all the same")
         _log.warning("%s", where)
     about = {
-        "reference": source_from(Path(out), reference), "engine": Engine.of(robot).as_dict(),
-        "versions": {**versions(), **{name: metadata.version(name) for name in _LIBRARIES}}, "commit": commit(),
-        "created": datetime.now(UTC).isoformat(timespec="seconds"),
-    }  # fmt: skip
+        "reference": source_from(Path(out), reference),
+        "engine": Engine.of(robot).as_dict(),
+        **made_by(*_LIBRARIES),
+    }
     return training.train(
         settings, parameters, robot, out, about=about, disturbances=disturbances, threads=threads, resume=resume,
         on_progress=on_progress, stop=stop,

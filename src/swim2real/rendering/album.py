@@ -11,19 +11,7 @@ from PIL.Image import Image
 
 from markertrack.drawing import INK, PAGE, Bytes, Canvas, contact_sheet, plain, text_size, to_pillow
 from swim2real.objective import Comparison
-from swim2real.rendering.trial_frame import (
-    MUTED,
-    ErrorChart,
-    Panel,
-    TrialFrames,
-    draw_heading,
-    gap_of,
-    path_strip,
-    plane_panel,
-    shortened,
-    swing_chart,
-    text_height,
-)
+from swim2real.rendering import trial_frame
 from swim2real.rendering.trial_view import Limits, TrialView, common_limits, length_text, millimeters, view_of
 from swim2real.robots.robot import Robot
 from swimbase.errors import ArgumentError
@@ -85,7 +73,7 @@ class TrialPictures:
             ArgumentError: A number is not allowed.
             VideoError: The file can't be written.
         """
-        TrialFrames(self._view, self._limits, width).write_clip(path, fps)
+        trial_frame.TrialFrames(self._view, self._limits, width).write_clip(path, fps)
 
     def sheet(self, count: int, columns: int, width: int) -> Bytes:
         """Several moments, of a beat or from start to end; below them both paths and the error over time.
@@ -105,27 +93,29 @@ class TrialPictures:
             ArgumentError: A number is too small.
         """
         _check_tile(width)
-        view, panel = self._view, Panel(self._limits.plane, width)
+        view, panel = self._view, trial_frame.Panel(self._limits.plane, width)
         times, shares = view.moments(count)
         samples = view.nearest(times).tolist()
         factor, enlarged = self._enlarged()
         if factor > 1:  # every second moment, as it is and then enlarged
             shares, samples = shares[::2], samples[::2]
-        images = [np.asarray(plane_panel(view, k, panel, TEXT)) for k in samples]
+        images = [np.asarray(trial_frame.plane_panel(view, k, panel, TEXT)) for k in samples]
         beats = [f"beat {_fraction(share, count)}   " if view.about else "" for share in shares.tolist()]
         captions = [
             f"{beat}{view.times[k]:.3f} s   {millimeters(float(view.errors[k]))}"
             for beat, k in zip(beats, samples, strict=True)
         ]
         if factor > 1:
-            images += [np.asarray(plane_panel(enlarged, k, panel, TEXT)) for k in samples]
+            images += [np.asarray(trial_frame.plane_panel(enlarged, k, panel, TEXT)) for k in samples]
             captions += [f"{beat}{factor} times the difference" for beat in beats]
         sheet = to_pillow(contact_sheet(images, captions, columns, width))
         title = "   ".join(part for part in (view.name, view.about) if part)
-        return _stacked([draw_heading(title, _note(view, panel), sheet.width), sheet, self._foot(samples, sheet.width)])
+        return _stacked(
+            [trial_frame.draw_heading(title, _note(view, panel), sheet.width), sheet, self._foot(samples, sheet.width)]
+        )
 
     def sheet_note(self, moments: int) -> str:
-        """What is where in that picture."""
+        """Description of that picture's parts."""
         view, (factor, _) = self._view, self._enlarged()
         count = (moments + 1) // 2 if factor > 1 else moments
         shown = "from start to end" if view.frequency is None else "of one beat"
@@ -151,13 +141,13 @@ class TrialPictures:
     def _foot(self, samples: Sequence[int], width: int) -> Image:
         """The error and the head's swings over time, at the right of both paths if there are any."""
         view, limits = self._view, self._limits
-        path = path_strip(view, view.last_seen, limits, width // 2)
+        path = trial_frame.path_strip(view, view.last_seen, limits, width // 2)
         left = 0 if path is None else path.width
-        size, gap = text_height(width), gap_of(width)
+        size, gap = trial_frame.text_height(width), trial_frame.gap_of(width)
         room = width - left - 2 * gap
-        charts = [ErrorChart(view, limits.error, room, 0.9 * size).at(*samples)]
+        charts = [trial_frame.ErrorChart(view, limits.error, room, 0.9 * size).at(*samples)]
         charts += [
-            swing_chart(swing, view.times, top, room, 0.9 * size)
+            trial_frame.swing_chart(swing, view.times, top, room, 0.9 * size)
             for swing, top in zip(view.swings, limits.swings, strict=True)
         ]
         tall = sum(chart.height + gap for chart in charts)
@@ -188,26 +178,26 @@ def trials_sheet(views: Sequence[TrialView], count: int, width: int) -> Bytes:
         ArgumentError: No views, or a number is too small.
     """
     _check_tile(width)
-    panel, beats = Panel(common_limits(views).plane, width), views[0].frequency is not None
-    names = [shortened(view.name, TEXT, ROW_HEAD) for view in views]
+    panel, beats = trial_frame.Panel(common_limits(views).plane, width), views[0].frequency is not None
+    names = [trial_frame.shortened(view.name, TEXT, ROW_HEAD) for view in views]
     notes = [view.about or millimeters(view.error) for view in views]
     heads = [str(Fraction(k, count)) if beats else f"{100 * k / (count - 1):.0f} %" for k in range(count)]
     left, top = 2 * _GAP + max(text_size(text, TEXT)[0] for text in [*names, *notes]), round(2 * TEXT)
     image = plain(left + count * (width + _GAP), top + len(views) * (panel.height + _GAP), PAGE)
     canvas = Canvas(image)
-    canvas.text((_GAP, top / 2), "beat" if beats else "time", MUTED, TEXT, (0, 0.5))
+    canvas.text((_GAP, top / 2), "beat" if beats else "time", trial_frame.MUTED, TEXT, (0, 0.5))
     for column, head in enumerate(heads):
-        canvas.text((left + column * (width + _GAP) + width / 2, top / 2), head, MUTED, TEXT, (0.5, 0.5))
+        canvas.text((left + column * (width + _GAP) + width / 2, top / 2), head, trial_frame.MUTED, TEXT, (0.5, 0.5))
     for row, view in enumerate(views):
         y = top + row * (panel.height + _GAP)
         canvas.text((_GAP, y + panel.height / 2), names[row], INK, TEXT, (0, 1))
         canvas.text((_GAP, y + panel.height / 2), notes[row], INK, TEXT, (0, 0))
         for column, sample in enumerate(view.nearest(view.moments(count)[0]).tolist()):
-            picture = plane_panel(view, sample, panel, TEXT)
-            Canvas(picture).text((5, 3), f"{view.times[sample]:.3f} s", MUTED, _STAMP)
+            picture = trial_frame.plane_panel(view, sample, panel, TEXT)
+            Canvas(picture).text((5, 3), f"{view.times[sample]:.3f} s", trial_frame.MUTED, _STAMP)
             canvas.paste(picture, (left + column * (width + _GAP), y))
     title = "One beat of each trial" if beats else "Each trial from start to end"
-    return _stacked([draw_heading(title, _note(views[0], panel), image.width), image])
+    return _stacked([trial_frame.draw_heading(title, _note(views[0], panel), image.width), image])
 
 
 def _stacked(images: Sequence[Image]) -> Bytes:
@@ -219,7 +209,7 @@ def _stacked(images: Sequence[Image]) -> Bytes:
     return canvas.pixels()
 
 
-def _note(view: TrialView, panel: Panel) -> str:
+def _note(view: TrialView, panel: trial_frame.Panel) -> str:
     return f"{view.axes}   grid {length_text(panel.step)}"
 
 

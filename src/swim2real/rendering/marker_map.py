@@ -5,14 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from markertrack.drawing import INK, Bytes, Canvas, Color, plain, text_size
 from swim2real.rendering.trial_frame import GROUND, MUTED
 from swim2real.rendering.trial_view import length_text, rounded_up
+from swimbase.arrays import Array
 from swimbase.errors import ArgumentError
-
-Array = NDArray[np.float64]
 
 DOT: Color = (0, 84, 190)
 LINE: Color = (150, 159, 170)

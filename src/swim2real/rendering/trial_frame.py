@@ -15,16 +15,15 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from PIL.Image import Image
 
 from markertrack.drawing import INK, PAGE, Bytes, Canvas, Color, Place, plain, text_size
 from markertrack.video import VideoWriter
 from swim2real.rendering.film import CRF, clip_times
 from swim2real.rendering.trial_view import Box, Limits, Swing, TrialView, grid_step, leads, length_text, millimeters
+from swimbase.arrays import Array
 from swimbase.errors import ArgumentError
 
-Array = NDArray[np.float64]
 Side = Literal["real", "simulated"]
 
 COLORS: dict[Side, Color] = {"real": (213, 43, 30), "simulated": (0, 84, 190)}
@@ -76,7 +75,7 @@ class Panel:
         return float(np.clip(self.width / 600, 0.5, 2.0))
 
     def places(self, points: Array) -> Array:
-        """Where points of the plane are in the picture [px]. Shape (..., 2)."""
+        """Maps points of the plane into the picture [px]. Shape (..., 2)."""
         return np.stack([points[..., 0] - self.box.left, self.box.top - points[..., 1]], axis=-1) * self.scale - 0.5
 
     def empty(self) -> Image:
@@ -296,7 +295,7 @@ class ErrorChart:
 
 
 def swing_chart(swing: Swing, times: Array, top: float, width: int, size: float) -> Image:
-    """How the head swings over time, real and simulated, left or counterclockwise up.
+    """Chart of the head's swing over time, real and simulated, left or counterclockwise up.
 
     Args:
         swing: What swings.

@@ -14,10 +14,9 @@ from markertrack import frames
 from swim2real.objective import ComparedTrial
 from swim2real.objective.motion import finite_mean
 from swim2real.robots.robot import Robot
+from swimbase.arrays import Array, Mask
 from swimbase.errors import ArgumentError
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 Indices = NDArray[np.intp]
 
 _FOLLOWED = 0.5  # share of frames in which a marker is seen, for its static offset to be believed
@@ -123,7 +122,7 @@ class TrialView:
 
     @property
     def diverged(self) -> bool:
-        """Whether there is nothing of the simulation."""
+        """True if there is nothing of the simulation."""
         return not np.isfinite(self.simulated).all(axis=2).any()
 
     @property
@@ -133,7 +132,7 @@ class TrialView:
 
     @property
     def about(self) -> str:
-        """What stands beside the name: the frequency of the beat, where there is one."""
+        """Words beside the name: the frequency of the beat, if there is one."""
         return "" if self.frequency is None else f"{self.frequency:.2f} Hz"
 
     @property
@@ -254,7 +253,9 @@ def view_of(trial: ComparedTrial, robot: Robot) -> TrialView:
     """A compared trial as it is drawn: registered, as the loss sees it."""
     seen, hidden = trial.weights > 0, np.nan if trial.divergence else 0.0
     unseen = np.where(seen, 0.0, np.nan)[:, :, None]
-    residual = trial.residual if trial.head is None else trial.motion_residual
+    residual, error = trial.residual, trial.aligned_marker_error
+    if trial.head is not None:
+        residual, error = trial.motion_residual, trial.motion_error
     distances = np.where(seen, np.linalg.norm(residual + hidden, axis=2), np.nan)
     chain = tuple(range(len(robot.marker_names)))
     real, simulated = _paths(trial)
@@ -265,7 +266,7 @@ def view_of(trial: ComparedTrial, robot: Robot) -> TrialView:
         seen=seen,
         real=trial.real + unseen,
         simulated=trial.simulated + _offsets(trial, seen) + hidden,
-        error=float("nan") if trial.divergence else _error(trial),
+        error=error + hidden,
         errors=finite_mean(distances.T),
         lines=_joined(robot.links) if trial.frequency is None else (chain,),
         axes=_axes(trial, robot),
@@ -283,7 +284,7 @@ def leads(path: Array) -> Array:
 
 @dataclass(frozen=True)
 class Limits:
-    """What pictures of several trials show, so that sizes can be compared from picture to picture.
+    """Limits that pictures of several trials share, so that sizes can be compared from picture to picture.
 
     Attributes:
         plane: Part of the frame of comparison.
@@ -346,10 +347,6 @@ def _offsets(trial: ComparedTrial, seen: Mask) -> Array:
         return trial.registration
     known = index[followed]
     return np.stack([np.interp(index, known, trial.registration[known, axis]) for axis in (0, 1)], axis=1)
-
-
-def _error(trial: ComparedTrial) -> float:
-    return trial.aligned_marker_error if trial.head is None else trial.motion_error
 
 
 def _swings(trial: ComparedTrial) -> tuple[Swing, ...]:

@@ -8,15 +8,8 @@ from functools import partial
 from pathlib import Path, PurePosixPath
 from urllib.parse import quote
 
+from swim2real.comparison import statistics
 from swim2real.comparison.results import ComparisonResults, load_results
-from swim2real.comparison.statistics import (
-    PROTOCOLS,
-    MethodStatistics,
-    ProtocolDescription,
-    best_method,
-    differences,
-    method_statistics,
-)
 from swim2real.comparison.tables import Cell, Table, mm_cell, tables
 from swim2real.formatting import duration, mm
 from swim2real.report.comparison_charts import convergence, markers, strip, velocity
@@ -31,7 +24,7 @@ COMPARISON = "comparison.html"
 
 @dataclass(frozen=True)
 class _Board:
-    """What the page shows of one protocol.
+    """Tables and charts of one protocol.
 
     Attributes:
         protocol: `aligned`, `paper` or `playback`.
@@ -41,7 +34,7 @@ class _Board:
     """
 
     protocol: str
-    description: ProtocolDescription
+    description: statistics.ProtocolDescription
     verdict: tuple[str, ...]
     tables: Mapping[str, Table]
 
@@ -95,8 +88,8 @@ def comparison_context(
     boards: list[_Board] = []
     charts: Charts = {}
     for protocol in results.protocols:
-        methods = method_statistics(results, protocol)
-        description = PROTOCOLS[protocol]
+        methods = statistics.method_statistics(results, protocol)
+        description = statistics.PROTOCOLS[protocol]
         made = {table.key: table for table in tables(results, protocol, theory)}
         boards.append(_Board(protocol, description, verdict(methods), made))
         if not methods:
@@ -121,25 +114,25 @@ def comparison_context(
     )
 
 
-def verdict(methods: tuple[MethodStatistics, ...]) -> tuple[str, ...]:
+def verdict(methods: tuple[statistics.MethodStatistics, ...]) -> tuple[str, ...]:
     """Who is best and how surely, in sentences."""
     if not methods:
         return ()
-    best = best_method(methods)
+    best = statistics.best_method(methods)
     loss, count = best.description.loss, len(best.runs)
     first = f"{best.method} has the lowest mean {loss}: {_mm(best.mean('final'))}"
     first += f", and {_mm(best.final.max())} with its worst seed." if count > 1 else ", with a single seed."
     said = [first]
-    gaps = [(name, gap) for name, gap in differences(methods).items() if gap is not None]
+    gaps = [(name, gap) for name, gap in statistics.differences(methods).items() if gap is not None]
     if gaps:
         name, gap = min(gaps, key=lambda pair: pair[1].mean)
         then = f"Next is {name}, {_mm(gap.mean)} above"
         if len(gap.seeds) < 2:
-            said.append(f"{then}; one seed can't tell how surely.")
+            said.append(f"{then}; one seed doesn't show how surely.")
         else:
             sure = "which leaves out zero" if gap.is_significant else "which holds zero, so it may be chance"
             said.append(f"{then} (95 % interval {_mm(gap.low)} to {_mm(gap.high)}, {len(gap.seeds)} seeds), {sure}.")
-    area = best_method(methods, "auc")
+    area = statistics.best_method(methods, "auc")
     said.append(f"The lowest mean AUC has {area.method}: {_mm(area.mean('auc'))}.")
     return tuple(said)
 

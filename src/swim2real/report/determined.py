@@ -1,23 +1,27 @@
-"""What the trials determine, on the page of a run that `identify` studied: intervals, combinations, pairs."""
+"""Identifiability of a run: intervals, combinations and pairs on its page, and the chart of what to film next."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from swim2real.formatting import listed
 from swim2real.identification.identifiability import Direction, Interval
 from swim2real.report.pages import Charts
 from swim2real.report.run import ReportedRun
-from swim2real.report.style import LIGHT, THIRD, chart_name, new_chart
+from swim2real.report.style import COLUMN, LIGHT, THIRD, chart_name, new_chart, new_figure, paper_style
+from swimbase import store
+from swimbase.arrays import Array
+from swimbase.errors import RunError
 
-Array = NDArray[np.float64]
-
+CHART = "next.png"
+_ROW = 0.17  # inches
 _KNOWN, _OPEN = 0.1, 0.7  # spread of a direction up to which it is known, and from which on it is open
 _MOST_PAIRS = 3
 _NAMED = 3  # parameters of a combination
@@ -26,7 +30,7 @@ _CORRELATED = 0.6  # of a pair that is drawn
 
 @dataclass(frozen=True)
 class Determined:
-    """What a study found, for the page.
+    """Findings of a study, for the page.
 
     Attributes:
         evaluations: That it took.
@@ -106,3 +110,28 @@ def _pair(run: ReportedRun, draws: Array, i: int, j: int) -> Figure:
     best = run.best.values
     axes.plot(best[parameters[i].name], best[parameters[j].name], "o", color=LIGHT["simulated"], markersize=6)
     return figure
+
+
+def _volumes(trials: Sequence[Mapping[str, Any]]) -> Figure:
+    """Expected volume of the sets' region by trial, the first one highlighted.
+
+    Args:
+        trials: With `label` and `volume`, in the order in which they are drawn from the top.
+    """
+    figure = new_figure(1.4 * COLUMN, 0.6 + _ROW * len(trials))
+    axes = figure.add_subplot()
+    colors = [LIGHT["good"], *[LIGHT["faint"]] * (len(trials) - 1)]
+    axes.barh([chart_name(one["label"]) for one in trials], [100 * one["volume"] for one in trials], color=colors)
+    axes.invert_yaxis()
+    axes.set(xlabel="expected volume of the sets' region (% of now)", xlim=(0, 100))
+    return figure
+
+
+def write_chart(folder: Path, trials: Sequence[Mapping[str, Any]]) -> None:
+    """Writes next.png.
+
+    Raises:
+        RunError: It can't be written.
+    """
+    with paper_style(), store.writing(folder / CHART, RunError), store.whole_file(folder / CHART) as part:
+        _volumes(trials).savefig(part, format="png", dpi=200, metadata={"Software": None})

@@ -1,4 +1,4 @@
-"""How far off the best parameters are, what the error is made of, and the error of every marker."""
+"""Errors of the best parameters, the parts that they consist of, and the error of every marker."""
 
 from __future__ import annotations
 
@@ -26,8 +26,7 @@ from swim2real.objective.figures import (
 from swim2real.objective.trial import TAIL_FIRST_LOSS
 from swim2real.optimizers.multi_start import agreeing
 from swim2real.report.run import ReportedRun
-
-Array = NDArray[np.float64]
+from swimbase.arrays import Array
 
 _POOR = 0.5  # of the size of the motion: an error above it is bad
 _FAR, _UNEXPLAINED = 10.0, 0.1  # times the noise, and of the motion: above both it may be bad as well
@@ -97,7 +96,7 @@ def _with_unit(fit: FitFigures | None, name: str, figure: Figure) -> str:
 
 
 def _unregistered(run: ReportedRun) -> str:
-    """What the error of markers is that are not registered, in a sentence."""
+    """Meaning of the error without registration, in a sentence."""
     meaning = "Mean distance between simulated and real markers at the same times"
     if run.robot.trials.frame is not None:
         names = " and ".join(run.marker_names[marker] for marker in run.robot.trials.frame)
@@ -106,7 +105,7 @@ def _unregistered(run: ReportedRun) -> str:
 
 
 def warnings(run: ReportedRun) -> tuple[str, ...]:
-    """What to know before the best parameters are used: those of the run, and that the fit is bad where it is."""
+    """Warnings to read before the best parameters are used: those of the run, and that the fit is bad where it is."""
     said, bad = _scaled(run)
     found = [*run.warnings, said] if bad else [*run.warnings]
     loss = run.of_best.fit.loss or 0.0
@@ -119,13 +118,13 @@ def warnings(run: ReportedRun) -> tuple[str, ...]:
 
 
 def standing(run: ReportedRun) -> tuple[str, ...]:
-    """Where the search stands, and how good its fit is, in sentences; a bad fit is among the warnings."""
+    """State of the search, and how good its fit is, in sentences; a bad fit is among the warnings."""
     said, bad = _scaled(run)
     return run.standing if bad or not said else (*run.standing, said)
 
 
 def _scaled(run: ReportedRun) -> tuple[str, bool]:
-    """How good the fit is, in a sentence, and whether it is bad; empty where all trials diverged.
+    """Quality of the fit, in a sentence, and whether it is bad; empty where all trials diverged.
 
     The scale is the noise of the data, the size of the real motion, and what other starts came to. The size is the root
     mean square distance of the real markers from their mean places, on the way of a trial that is scored by it, else in

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -14,12 +13,10 @@ from numpy.typing import NDArray
 from markertrack import frames
 from swim2real.calibration import SavedTrial
 from swim2real.objective import ComparedTrial
-from swim2real.parameters import Values
 from swim2real.rendering.trial_view import TrialView, common_limits, grid_step, length_text, view_of
-from swim2real.report.ahead import SeenAhead, seen_ahead
 from swim2real.robots.robot import Robot
+from swimbase.arrays import Array
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 RATE = 30.0  # Hz, at most
@@ -27,7 +24,6 @@ STEP = 0.1  # mm of a whole number, at least
 _MOST = 2**15 - 1
 _LOST = -(2**15)  # the whole number of a marker that isn't known
 _BYTES = 300_000  # of all films of a page, about
-_BYTES_AHEAD = 100_000  # of all that is seen from ahead, about
 _FRAMES = (60, 900)  # of a film at most, where there are many and few trials
 
 
@@ -40,8 +36,7 @@ class Picture(NamedTuple):
     Attributes:
         real: Real positions.
         simulated: Simulated positions.
-        every: How many frames of the film each of its frames is for.
-        points: How many; those that come after the markers are ends of lines.
+        points: How many.
         step: [mm].
         lines: Indices of the points that each line goes through.
         width: Of what is shown [mm].
@@ -51,7 +46,6 @@ class Picture(NamedTuple):
 
     real: str
     simulated: str
-    every: int
     points: int
     step: float
     lines: tuple[tuple[int, ...], ...]
@@ -77,8 +71,6 @@ class Film:
         frames: How many.
         markers: How many, M.
         picture: The markers, the simulated ones moved as the loss sees them.
-        ahead: The same from ahead; None where the hull doesn't roll.
-        roll: Amplitude of the simulated hull's roll [degrees]; None without a picture from ahead.
         cut: Seconds that are shown where the trial is longer; else None.
     """
 
@@ -89,27 +81,17 @@ class Film:
     frames: int
     markers: int
     picture: Picture
-    ahead: Picture | None
-    roll: float | None
     cut: float | None
 
 
-def films(trials: Sequence[SavedTrial], robot: Robot, values: Values) -> tuple[Film, ...]:
-    """A film of each trial; none for a robot without markers.
-
-    Args:
-        trials: Simulated with the values.
-        robot: The robot.
-        values: Values of its parameters.
-    """
+def films(trials: Sequence[SavedTrial], robot: Robot) -> tuple[Film, ...]:
+    """A film of each trial; none for a robot without markers."""
     if not robot.marker_names:
         return ()
     shown = [(one, _view(one.compared, robot)) for one in trials if len(one.compared.times) > 1]
-    ahead = seen_ahead([(one.compared, view) for one, view in shown], robot, values)
     whole = _BYTES * 3 / 4 / (8 * len(robot.marker_names) * max(len(trials), 1))
     most = int(np.clip(whole, *_FRAMES))
-    room = _BYTES_AHEAD / max(len(ahead), 1)
-    return tuple(_film(one, view, ahead.get(view.name), most, room) for one, view in shown)
+    return tuple(_film(one, view, most) for one, view in shown)
 
 
 def _view(trial: ComparedTrial, robot: Robot) -> TrialView:
@@ -125,12 +107,11 @@ def _view(trial: ComparedTrial, robot: Robot) -> TrialView:
     return replace(view, path_simulated=view.path_simulated + shift)
 
 
-def _film(saved: SavedTrial, view: TrialView, ahead: SeenAhead | None, most: int, room: float) -> Film:
+def _film(saved: SavedTrial, view: TrialView, most: int) -> Film:
     rate = max(min(RATE, (len(view.times) - 1) / view.duration), 1 / view.duration)
     wanted = np.arange(0.0, view.duration + 0.5 / rate, 1 / rate)[:most]
     picked = view.nearest(view.times[0] + wanted)
     shown = float(wanted[-1])
-    from_ahead = None if ahead is None else _picture(ahead.view, picked, room)
     return Film(
         name=view.name if view.frequency is None else f"{view.frequency:.2f} Hz, {view.name}",
         held_out=saved.held_out,
@@ -139,15 +120,11 @@ def _film(saved: SavedTrial, view: TrialView, ahead: SeenAhead | None, most: int
         frames=len(picked),
         markers=len(view.marker_names),
         picture=_picture(view, picked),
-        ahead=from_ahead,
-        roll=None if ahead is None else ahead.roll,
         cut=shown if shown < view.duration - 1.5 / rate else None,
     )
 
 
-def _picture(view: TrialView, picked: Indices, room: float = np.inf) -> Picture:
-    """A picture of no more bytes than there is room for."""
-    every = math.ceil(len(picked) * len(view.marker_names) * 8 * 4 / 3 / room) or 1
+def _picture(view: TrialView, picked: Indices) -> Picture:
     limits = common_limits([view])
     box, real, simulated = limits.plane, view.real, view.simulated
     if limits.path is not None and view.path_real is not None and view.path_simulated is not None:
@@ -156,9 +133,8 @@ def _picture(view: TrialView, picked: Indices, room: float = np.inf) -> Picture:
     width, height = 1e3 * (box.right - box.left), 1e3 * (box.top - box.bottom)
     step = max(STEP, max(width, height) / _MOST)
     return Picture(
-        real=_packed(1e3 * (real[picked[::every]] - middle) / step),
-        simulated=_packed(1e3 * (simulated[picked[::every]] - middle) / step),
-        every=every,
+        real=_packed(1e3 * (real[picked] - middle) / step),
+        simulated=_packed(1e3 * (simulated[picked] - middle) / step),
         points=real.shape[1],
         step=step,
         lines=view.lines,

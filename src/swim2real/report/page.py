@@ -86,7 +86,7 @@ def page_context(run: ReportedRun) -> RunPage:
         rounds=advisor_rounds(run),
         calls=call_section(run.calls),
         saved=saved,
-        films=films(saved, run.robot, run.best.values),
+        films=films(saved, run.robot),
         trials=trial_table(run),
         settings=settings_rows(run),
     )

@@ -38,7 +38,7 @@ _DROPPED = re.compile(
 
 @dataclass(frozen=True)
 class PageContext:
-    """What a template shows; each page has a class of its own.
+    """Content of a template; each page has a class of its own.
 
     Attributes:
         title: Title of the page.
@@ -100,7 +100,7 @@ def inline_svg(draw: Callable[[], Figure], name: str) -> Markup:
             "ignore", "Glyph .* missing from font"
         )  # the page's own font has it, or nothing is lost
         draw().savefig(out, format="svg")
-    text = _TEXT.sub(_inert, visible(out.getvalue()))
+    text = _TEXT.sub(lambda found: found[0].replace('"', "&quot;").replace("#", "&#35;"), visible(out.getvalue()))
     text = _DROPPED.sub("", text)
     # texts that show where one points: of a drawn thing, of a point of a scatter plot
     text = re.sub(rf'<g id="{TITLE}([^"]*)">', r"<g><title>\1</title>", text)
@@ -113,11 +113,6 @@ def inline_svg(draw: Callable[[], Figure], name: str) -> Markup:
     text = re.sub(r' (d|x|y)="([^"]*)"', lambda match: f' {match[1]}="{_short(match[2])}"', text)
     text = _COLOR.sub(lambda match: _VARIABLE_OF_LIGHT[match[0]], text)
     return Markup(re.sub(r">\s+<", "><", text).strip())
-
-
-def _inert(text: re.Match[str]) -> str:
-    """A text between two tags in which nothing can be taken for an attribute or a color."""
-    return text[0].replace('"', "&quot;").replace("#", "&#35;")
 
 
 def _short(numbers: str) -> str:

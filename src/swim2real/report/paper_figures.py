@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from swim2real.calibration import RunFolder, load_trials
@@ -23,10 +22,9 @@ from swim2real.objective import ComparedTrial
 from swim2real.report.comparison_charts import convergence, line_search, markers, strip, velocity
 from swim2real.report.style import DOUBLE, LIGHT, MethodStyle, method_styles, new_figure, paper_style
 from swimbase import store
+from swimbase.arrays import Array
 from swimbase.errors import RunError
 from swimbase.escaping import visible
-
-Array = NDArray[np.float64]
 
 FIGURES = "figures"
 _INK = LIGHT["text"]

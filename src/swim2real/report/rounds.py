@@ -60,7 +60,7 @@ class _Exhibit:
 
 @dataclass(frozen=True)
 class _Consultation:
-    """What a round took and showed.
+    """Cost and media of a round.
 
     Attributes:
         model: Model that answered.
@@ -192,7 +192,7 @@ def _notes(notes: Mapping[str, Any]) -> Texts:
 def _consultation(
     first: RecordedEvaluation, space: ParameterSpace, exhibits: tuple[_Exhibit, ...]
 ) -> _Consultation:  # fmt: skip
-    """What the notes of a VLM's proposal tell; what isn't of its kind in them is left out."""
+    """Reads the notes of a VLM's proposal, and leaves out what isn't of its kind."""
     notes = first.note.proposal.notes if first.note.proposal else {}
     advisor, model = str(notes.get("advisor") or ""), notes.get("model")
     named = model if isinstance(model, str) else ""
@@ -227,7 +227,7 @@ def _mended(notes: Mapping[str, Any], space: ParameterSpace) -> Texts:
 
 
 def _exhibits(recorded: RecordedCalls, accepted: Sequence[int]) -> dict[int, tuple[_Exhibit, ...]]:
-    """What the proposal of each round came of, with the pictures of the first and of the last accepted round."""
+    """Evaluations behind the proposal of each round, with the pictures of the first and of the last accepted round."""
     on_page = {*accepted[:1], *accepted[-1:]}
     exhibits: dict[int, tuple[_Exhibit, ...]] = {}
     for number in {call.round for call in recorded.calls}:
@@ -279,7 +279,7 @@ class _CallRow:
 
 @dataclass(frozen=True)
 class CallSection:
-    """What the page says about the calls.
+    """Section of the page about the calls.
 
     Attributes:
         sums: Each an amount and what it is of.
@@ -319,7 +319,7 @@ def call_section(recorded: RecordedCalls | None) -> CallSection | None:
 
 
 def is_other(advisor: str, model: str | None) -> bool:
-    """Whether a model answered that isn't the advisor that was asked, such as `google:gemini-3.1-pro-preview`."""
+    """True if a model answered that isn't the advisor that was asked, such as `google:gemini-3.1-pro-preview`."""
     asked = advisor.partition(":")[2]
     return bool(asked and model) and not same_model(asked, model or "")
 

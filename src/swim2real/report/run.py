@@ -14,7 +14,7 @@ from swim2real.calibration.file_models import RecordedEvaluation, TrialSummary
 from swim2real.calibration.from_rest import backward_from_rest
 from swim2real.calibration.run_folder import TRIALS
 from swim2real.formatting import listed
-from swim2real.identification.identifiability import IDENTIFIABILITY, Study, read_study
+from swim2real.identification.identifiability import Study, study_of
 from swim2real.objective.figures import FitFigures, TrialFigures
 from swim2real.parameters import ParameterSpace
 from swim2real.robots.robot import Robot
@@ -42,7 +42,7 @@ class ReportedTrial:
 
     @property
     def diverged(self) -> bool:
-        """Whether there are no figures of the simulation."""
+        """True if there are no figures of the simulation."""
         return bool(self.figures.divergence)
 
 
@@ -100,7 +100,7 @@ class ReportedRun:
 
     @property
     def of_best(self) -> Outcome:
-        """What was found of the best parameters."""
+        """Findings about the best parameters."""
         if self.outcome is not None and self.is_current:
             return self.outcome
         return Outcome(fit=self.best.evidence)
@@ -112,7 +112,7 @@ class ReportedRun:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What to know before the best parameters are used."""
+        """Warnings to read before the best parameters are used."""
         found = (
             () if self.standing else tuple(told(self.entries, self.settings) for told in (still_falling, never_beaten))
         )
@@ -126,12 +126,12 @@ class ReportedRun:
 
     @property
     def standing(self) -> tuple[str, ...]:
-        """Where a search without a budget stands, in sentences."""
+        """State of a search without a budget, in sentences."""
         return standing(self.entries, self.settings, self.outcome, self.space, self.robot.trials.sensors)
 
     @property
     def loss(self) -> str:
-        """What is minimized, in words."""
+        """Quantity that is minimized, in words."""
         if self.robot.trials.sensors:
             return "playback error"
         if not self.registered:
@@ -152,21 +152,21 @@ class ReportedRun:
 
     @property
     def registered(self) -> bool:
-        """Whether a constant shift of each marker is taken out before trials are compared."""
+        """True if a constant shift of each marker is taken out before trials are compared."""
         return self.has("static_offset")
 
     @property
     def has_beat(self) -> bool:
-        """Whether trials have the frequency of a beat."""
+        """True if trials have the frequency of a beat."""
         return self.has("frequency")
 
     @property
     def has_progress(self) -> bool:
-        """Whether trials are scored by how far the robot has come."""
+        """True if trials are scored by how far the robot has come."""
         return self.robot.trials.score_progress
 
     def has(self, figure: str) -> bool:
-        """Whether a trial has a figure."""
+        """True if a trial has a figure."""
         return any(getattr(trial.figures, figure) not in (None, []) for trial in self.trials)
 
 
@@ -201,7 +201,7 @@ def read_run(path: str | Path, robot: Robot) -> ReportedRun:
     unfinished = ""
     if outcome is None:
         unfinished = (
-            f"This run has not ended: {on_record}. The page shows what the record can tell. Charts of each trial, "
+            f"This run has not ended: {on_record}. The page shows what is on record. Charts of each trial, "
             f"held-out trials, track quality and the effect of each parameter are written when the run ends; go on "
             f"with --resume and make the report again."
         )
@@ -242,15 +242,12 @@ def calls_of(entry: RecordedEvaluation) -> list[int]:
 
 def _read_study(folder: RunFolder, best: RecordedEvaluation) -> tuple[Study | None, str]:
     """The study of a run, or why it can't be shown."""
-    path = folder.path / IDENTIFIABILITY
-    if not path.is_file():
-        return None, ""
     begin = f"begin anew with swim2real identify {folder.path} --again"
     try:
-        study = read_study(path)
+        study = study_of(folder)
     except RunError as error:
         return None, f"The study of what the trials determine isn't shown: {error} ({begin})."
-    if study.difference({"start": {"point": list(best.point), "loss": best.loss}}):
+    if study is not None and study.difference({"start": {"point": list(best.point), "loss": best.loss}}):
         return None, f"The study of what the trials determine is from before the run had its best values; {begin}."
     return study, ""
 
@@ -268,7 +265,7 @@ def _read_calls(folder: Path, settings: RunSettings, entries: Sequence[RecordedE
         return RecordedCalls(
             folder,
             problem=f"The advisor's calls are on record, but their transcript, the folder '{CALLS}' of the run, is "
-            f"missing: what they took and what was shown can't be told. Put the folder back and make the report again.",
+            f"missing, so cost and media are unknown. Put the folder back and make the report again.",
         )
     try:
         calls = Transcript(folder).calls

@@ -11,31 +11,18 @@ from typing import Any, TypeVar
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from swim2real.calibration.convergence import best_losses
 from swim2real.formatting import mm, number
 from swim2real.objective import ComparedProgress, ComparedSensor, ComparedTrial
+from swim2real.report import style
 from swim2real.report.errors import MarkerErrors
 from swim2real.report.pages import Charts
 from swim2real.report.rounds import accepted_steps
 from swim2real.report.run import ReportedRun
-from swim2real.report.style import (
-    LIGHT,
-    THIRD,
-    WIDE,
-    chart_name,
-    handle,
-    legend_over,
-    log_axis,
-    new_chart,
-    titled,
-    titled_points,
-)
 from swim2real.robots.robot import Robot
+from swimbase.arrays import Array, Mask
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 Range = tuple[float, float]
 T = TypeVar("T")
 
@@ -56,7 +43,7 @@ _AXES = "xyz"
 
 def convergence(run: ReportedRun) -> Figure:
     """Loss of each evaluation, the best so far, accepted rounds, and diverged simulations at the top."""
-    figure, axes = new_chart(WIDE, 2.9, "evaluation", f"loss: {run.loss} (mm)", legend_rows=1)
+    figure, axes = style.new_chart(style.WIDE, 2.9, "evaluation", f"loss: {run.loss} (mm)", legend_rows=1)
     proper, failed = ([entry for entry in run.entries if entry.failed == fails] for fails in (False, True))
     losses = [_on_axis(entry.loss) for entry in proper] or [1e2, 1e3]
     top = max(losses) * (max(losses) / min(losses)) ** 0.1 * 1.12
@@ -65,15 +52,15 @@ def convergence(run: ReportedRun) -> Figure:
                 for n, s in accepted_steps(run).items()]  # fmt: skip
     evaluated = [(e.index + 1, _on_axis(e.loss), f"evaluation {e.index + 1}: {mm(e.loss)} mm") for e in proper]
     diverged = [(e.index + 1, highest, f"evaluation {e.index + 1}: {e.reason or 'diverged'}") for e in failed]
-    _draw_dots(axes, evaluated, s=12, color=LIGHT["faint"], label="evaluation", zorder=2)
-    _draw_best(axes, run, color=LIGHT["simulated"], linewidth=1.5, label="best so far", zorder=3)
-    _draw_dots(axes, accepted, s=42, marker="*", color=LIGHT["good"], label="accepted round", zorder=4)
-    _draw_dots(axes, diverged, s=22, marker="^", color=LIGHT["warning"], label="diverged (no loss)", zorder=4)
+    _draw_dots(axes, evaluated, s=12, color=style.LIGHT["faint"], label="evaluation", zorder=2)
+    _draw_best(axes, run, color=style.LIGHT["simulated"], linewidth=1.5, label="best so far", zorder=3)
+    _draw_dots(axes, accepted, s=42, marker="*", color=style.LIGHT["good"], label="accepted round", zorder=4)
+    _draw_dots(axes, diverged, s=22, marker="^", color=style.LIGHT["warning"], label="diverged (no loss)", zorder=4)
     axes.set_xlim(0.4, len(run.entries) + 0.6)
-    log_axis(axes.yaxis, min(losses) / 1.25, top)
+    style.log_axis(axes.yaxis, min(losses) / 1.25, top)
     if len(run.entries) <= _MOST_NUMBERS:
         axes.set_xticks(range(1, len(run.entries) + 1))
-    legend_over(axes)
+    style.legend_over(axes)
     return figure
 
 
@@ -93,7 +80,7 @@ def _draw_dots(axes: Any, dots: Sequence[tuple[float, float, str]], **look: Any)
     """Dots with a text each."""
     if dots:
         x, y, texts = zip(*dots, strict=True)
-        titled_points(axes.scatter(x, y, **{"linewidths": 0, **look}), texts)
+        style.titled_points(axes.scatter(x, y, **{"linewidths": 0, **look}), texts)
 
 
 def by_marker(errors: MarkerErrors, markers: Sequence[str], order: str) -> Figure:
@@ -104,61 +91,62 @@ def by_marker(errors: MarkerErrors, markers: Sequence[str], order: str) -> Figur
         markers: Their names.
         order: What the axis of the markers is, in words.
     """
-    figure, axes = new_chart(THIRD, 2.5, order, "error (mm)")
+    figure, axes = style.new_chart(style.THIRD, 2.5, order, "error (mm)")
     for trial, held_out, row in zip(errors.trials, errors.held_out, errors.values, strict=True):
-        (line,) = axes.plot(1e3 * row, "--" if held_out else "-", color=LIGHT["faint"], linewidth=0.9)
-        titled(line, f"{trial}{' (held out)' * held_out}")
-    (line,) = axes.plot(1e3 * errors.mean, "-o", color=LIGHT["text"], linewidth=1.8, markersize=3.6)
-    titled(line, "mean of the fitted trials")
+        (line,) = axes.plot(1e3 * row, "--" if held_out else "-", color=style.LIGHT["faint"], linewidth=0.9)
+        style.titled(line, f"{trial}{' (held out)' * held_out}")
+    (line,) = axes.plot(1e3 * errors.mean, "-o", color=style.LIGHT["text"], linewidth=1.8, markersize=3.6)
+    style.titled(line, "mean of the fitted trials")
     axes.set_ylim(bottom=0)
     longest = max((len(name) for name in markers), default=1)  # where names would overlap, some are left out
-    places = range(0, len(markers), int(max(1, -(-len(markers) * (0.07 * longest + 0.06) // THIRD))))
-    axes.set_xticks(places, [chart_name(markers[i]) for i in places])
+    places = range(0, len(markers), int(max(1, -(-len(markers) * (0.07 * longest + 0.06) // style.THIRD))))
+    axes.set_xticks(places, [style.chart_name(markers[i]) for i in places])
     return figure
 
 
 def speeds(run: ReportedRun) -> Figure:
     """Forward speed against the frequency of the beat, real and simulated; held-out trials are open."""
-    figure, axes = new_chart(WIDE, 3.1, "frequency of the tail beat (Hz)", "forward speed (mm/s)", legend_rows=1)
+    labels = "frequency of the tail beat (Hz)", "forward speed (mm/s)"
+    figure, axes = style.new_chart(style.WIDE, 3.1, *labels, legend_rows=1)
     if run.study is not None and run.study.speeds is not None:
         ends = 1e3 * np.array(run.study.speeds.speeds)
         axes.fill_between(
-            run.study.speeds.frequencies, ends[0], ends[2], color=LIGHT["simulated"], alpha=0.18, linewidth=0,
+            run.study.speeds.frequencies, ends[0], ends[2], color=style.LIGHT["simulated"], alpha=0.18, linewidth=0,
             label="90 % of the sets that fit",
         )  # fmt: skip
     first = [(one.frequency or 0.0, 1e3 * one.velocity_simulated)
              for one in run.entries[0].evidence.trials.values() if one.velocity_simulated is not None]  # fmt: skip
     if first and run.best is not run.entries[0]:
         line = np.array(sorted(first)).T
-        axes.plot(*line, ":", color=LIGHT["faint"], linewidth=1.2, label="simulated, first evaluation")
+        axes.plot(*line, ":", color=style.LIGHT["faint"], linewidth=1.2, label="simulated, first evaluation")
     for color, mark, label in (("real", "o", "real"), ("simulated", "s", "simulated, best")):
         known = [(t, t.figures.frequency or 0.0, 1e3 * speed) for t in run.trials
                  if (speed := getattr(t.figures, f"velocity_{color}")) is not None]  # fmt: skip
-        axes.plot([f for _, f, _ in known], [v for _, _, v in known], color=LIGHT[color], linewidth=1.2, zorder=3)
+        axes.plot([f for _, f, _ in known], [v for _, _, v in known], color=style.LIGHT[color], linewidth=1.2, zorder=3)
         dots = [
             (f, v, f"{t.name}{' (held out)' * t.held_out}, {label}: {number(v)} mm/s at {number(f, 3)} Hz")
             for t, f, v in known
         ]
         _draw_dots(
-            axes, dots, s=26, marker=mark, edgecolors=LIGHT[color], linewidths=1.1, zorder=4,
-            facecolors=[LIGHT["surface"] if trial.held_out else LIGHT[color] for trial, _, _ in known],
+            axes, dots, s=26, marker=mark, edgecolors=style.LIGHT[color], linewidths=1.1, zorder=4,
+            facecolors=[style.LIGHT["surface"] if trial.held_out else style.LIGHT[color] for trial, _, _ in known],
         )  # fmt: skip
-        axes.plot([], [], f"-{mark}", color=LIGHT[color], label=label)
+        axes.plot([], [], f"-{mark}", color=style.LIGHT[color], label=label)
     if any(trial.held_out for trial in run.trials):
-        look = {"color": LIGHT["muted"], "linestyle": "none", "marker": "o", "markerfacecolor": "none"}
-        axes.add_line(handle(label="open: held out", **look))
-    legend_over(axes)
+        look = {"color": style.LIGHT["muted"], "linestyle": "none", "marker": "o", "markerfacecolor": "none"}
+        axes.add_line(style.handle(label="open: held out", **look))
+    style.legend_over(axes)
     return figure
 
 
 def trial_charts(trials: Sequence[ComparedTrial], run: ReportedRun) -> Charts:
-    """What draws the charts of each trial, of what it has; their names begin with what they show."""
+    """Charts that each trial has the data for, as functions that draw them; names begin with what they show."""
     names, units = run.marker_names, {sensor.name: sensor.unit for sensor in run.robot.trials.sensors}
-    ranges = common_ranges(trials)
+    ranges = _common_ranges(trials)
     charts: Charts = {}
     for i, trial in enumerate(trials):
         if names:
-            shown = common_ranges([trial], _path_markers_of(trial, names))
+            shown = _common_ranges([trial], _path_markers_of(trial, names))
             charts[f"paths-{i}"] = partial(paths, trial, names, run.robot, shown)
         if trial.frequency is not None:
             charts[f"tail-{i}"] = partial(_tail_tip, trial, names, ranges)
@@ -202,7 +190,7 @@ def _drawn_frames(trial: ComparedTrial) -> slice:
     return slice(0, _MOST_POINTS * stride, stride)
 
 
-def common_ranges(trials: Sequence[ComparedTrial], shown: range | None = None) -> tuple[Range, Range]:
+def _common_ranges(trials: Sequence[ComparedTrial], shown: range | None = None) -> tuple[Range, Range]:
     """Ranges along both axes that hold what is drawn of all trials [mm], for the same scale everywhere.
 
     Args:
@@ -243,10 +231,10 @@ def paths(trial: ComparedTrial, markers: Sequence[str], robot: Robot, ranges: tu
     if len(lost):
         lost = 1e3 * lost[:: -(-len(lost) // _MOST_LOST)]
         (marks,) = axes.plot(
-            *lost.T, "o", color=LIGHT["lost"], markersize=2.2, markerfacecolor="none", markeredgewidth=0.6,
+            *lost.T, "o", color=style.LIGHT["lost"], markersize=2.2, markerfacecolor="none", markeredgewidth=0.6,
             scalex=False, scaley=False,
         )  # fmt: skip
-        titled(marks, "lost by tracking, not counted")
+        style.titled(marks, "lost by tracking, not counted")
     known = np.asarray(np.isfinite(simulated).all(axis=2))
     for kind, positions, where, width in (("real", trial.real, good, 0.6), ("simulated", simulated, known, 0.95)):
         _draw_paths(axes, kind, positions[frames], where[frames], markers, shown, width)
@@ -259,9 +247,8 @@ def paths(trial: ComparedTrial, markers: Sequence[str], robot: Robot, ranges: tu
     for m, name in enumerate(markers):
         if good[:, m].any():
             last = 1e3 * trial.real[np.flatnonzero(good[:, m])[-1], m]
-            axes.annotate(
-                name, last, xytext=(3, 3), textcoords="offset points", fontsize=6.5, color=LIGHT["muted"], zorder=5
-            )
+            look = {"fontsize": 6.5, "color": style.LIGHT["muted"], "zorder": 5}
+            axes.annotate(name, last, xytext=(3, 3), textcoords="offset points", **look)
     return figure
 
 
@@ -270,50 +257,50 @@ def _tail_tip(trial: ComparedTrial, markers: Sequence[str], ranges: tuple[Range,
     frames, good = _drawn_frames(trial), _counted(trial)
     seen = np.flatnonzero(good.any(axis=0))
     m = int(seen[-1]) if seen.size else len(markers) - 1
-    figure, axes = new_chart(_RIGHT, 2.0, "time (s)", f"{markers[m]} sideways (mm)")
+    figure, axes = style.new_chart(_RIGHT, 2.0, "time (s)", f"{markers[m]} sideways (mm)")
     for kind, positions, where in (
         ("simulated", _registered(trial), np.ones_like(good)), ("real", trial.real, good)
     ):  # fmt: skip
         y = np.where(where[frames, m], 1e3 * positions[frames, m, 1], np.nan)
-        _draw_line(axes, trial.times[frames], y, LIGHT[kind], 1.1, kind)
+        _draw_line(axes, trial.times[frames], y, style.LIGHT[kind], 1.1, kind)
     axes.set_ylim(*ranges[1])
     return figure
 
 
 def _errors_over_time(trial: ComparedTrial, markers: Sequence[str]) -> Figure:
-    """How far each marker is off over time, and their mean."""
-    figure, axes = new_chart(_RIGHT, 2.0, "time (s)", "error (mm)")
+    """Error of each marker over time, and their mean."""
+    figure, axes = style.new_chart(_RIGHT, 2.0, "time (s)", "error (mm)")
     lengths = np.where(trial.weights > 0, np.linalg.norm(trial.residual, axis=2), np.nan)
     known = np.isfinite(lengths)
     mean = np.where(known, lengths, 0.0).sum(axis=1) / np.where(known.any(axis=1), known.sum(axis=1), np.nan)
     thin = _thinned(trial.times)
     for m, name in enumerate(markers):
-        _draw_line(axes, trial.times[thin], 1e3 * lengths[thin, m], LIGHT["faint"], 0.6, name)
-    _draw_line(axes, trial.times[thin], 1e3 * mean[thin], LIGHT["text"], 1.4, "mean")
+        _draw_line(axes, trial.times[thin], 1e3 * lengths[thin, m], style.LIGHT["faint"], 0.6, name)
+    _draw_line(axes, trial.times[thin], 1e3 * mean[thin], style.LIGHT["text"], 1.4, "mean")
     axes.set_ylim(bottom=0)
     return figure
 
 
 def _progress_over_time(times: Array, progress: ComparedProgress) -> Figure:
-    """How far it has come along the line of travel, over time."""
-    figure, axes = new_chart(_RIGHT, 2.0, "time (s)", "progress (mm)")
+    """Distance come along the line of travel, over time."""
+    figure, axes = style.new_chart(_RIGHT, 2.0, "time (s)", "progress (mm)")
     thin = _thinned(times)
     for kind, way in (("simulated", progress.simulated), ("real", progress.real)):
-        _draw_line(axes, times[thin], 1e3 * way[thin], LIGHT[kind], 1.1, kind)
+        _draw_line(axes, times[thin], 1e3 * way[thin], style.LIGHT[kind], 1.1, kind)
     return figure
 
 
 def _sensor_readings(sensor: ComparedSensor, unit: str) -> Figure:
     """A sensor's readings over time."""
-    figure, axes = new_chart(_RIGHT, 2.0, "time (s)", chart_name(f"{sensor.name} ({unit})"))
+    figure, axes = style.new_chart(_RIGHT, 2.0, "time (s)", style.chart_name(f"{sensor.name} ({unit})"))
     thin = _thinned(sensor.times)
     for kind, values in (("real", sensor.real), ("simulated", sensor.simulated)):
-        _draw_line(axes, sensor.times[thin], values[thin], LIGHT[kind], 0.9, kind)
+        _draw_line(axes, sensor.times[thin], values[thin], style.LIGHT[kind], 0.9, kind)
     return figure
 
 
 def _axis_titles(trial: ComparedTrial, robot: Robot) -> tuple[str, str]:
-    """What the frame of comparison is, in words."""
+    """Axes of the frame of comparison, in words."""
     if trial.frequency is not None:
         return "along the body, head to tail (mm)", "sideways (mm)"
     if trial.frame is None:
@@ -326,7 +313,7 @@ def _path_chart(width: float, across: Range, up: Range, titles: tuple[str, str])
     """A chart whose axes have one scale, as high as its ranges [mm] need."""
     inner = width - 0.7  # inches between the margins of a chart
     height = float(np.clip(inner * (up[1] - up[0]) / max(across[1] - across[0], 1e-9), 1.2, 1.25 * width))
-    figure, axes = new_chart(width, height + 0.51, *titles)
+    figure, axes = style.new_chart(width, height + 0.51, *titles)
     axes.set_xlim(across, auto=True)  # the aspect may widen them
     axes.set_ylim(up, auto=True)
     axes.set_aspect("equal", adjustable="datalim")
@@ -338,13 +325,13 @@ def _draw_paths(
 ) -> None:
     for m in shown:
         points = np.where(where[:, m, None], 1e3 * positions[:, m], np.nan)
-        (line,) = axes.plot(*points.T, color=LIGHT[kind], linewidth=width, scalex=False, scaley=False)
-        titled(line, f"{markers[m]}, {kind}")
+        (line,) = axes.plot(*points.T, color=style.LIGHT[kind], linewidth=width, scalex=False, scaley=False)
+        style.titled(line, f"{markers[m]}, {kind}")
 
 
 def _draw_line(axes: Any, times: Array, values: Array, color: str, width: float, title: str) -> None:
     (line,) = axes.plot(times, values, color=color, linewidth=width)
-    titled(line, title)
+    style.titled(line, title)
 
 
 def _draw_links(
@@ -355,8 +342,8 @@ def _draw_links(
     points = [row for part in parts if where[list(part)].all() for row in (*1e3 * positions[list(part)], [np.nan] * 2)]
     if points:
         axes.plot(
-            *np.array(points).T, "-o", color=LIGHT[kind], linewidth=1.4, markersize=2.6, alpha=opacity, scalex=False,
-            scaley=False,
+            *np.array(points).T, "-o", color=style.LIGHT[kind], linewidth=1.4, markersize=2.6, alpha=opacity,
+            scalex=False, scaley=False,
         )  # fmt: skip
 
 
@@ -371,11 +358,11 @@ def _name_from_the_tail(axes: Any, trial: ComparedTrial, good: Mask, markers: Se
             axes.text(
                 x,
                 high + _NAME_ROOM / 2,
-                chart_name(markers[m]),
+                style.chart_name(markers[m]),
                 ha="center",
                 va="center",
                 fontsize=7,
-                color=LIGHT["muted"],
+                color=style.LIGHT["muted"],
             )
 
 

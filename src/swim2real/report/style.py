@@ -1,4 +1,4 @@
-"""The look of every chart, on pages and in papers: colors, letters, widths, and how each method is told apart.
+"""The look of every chart, on pages and in papers: colors, letters, widths, and the distinction of methods.
 
 A chart is a matplotlib figure of its own, unknown to pyplot. Within `page_style` or `paper_style` the same functions
 draw for the screen or for print. Charts are drawn in the light colors; a page names each of them as a variable of its
@@ -183,8 +183,8 @@ def handle(label: str, **options: Any) -> Line2D:
     return Line2D([], [], label=chart_name(label), **options)
 
 
-def legend_columns(labels: Sequence[str], width: float) -> int:
-    """How many columns a legend may have within a width [inches]."""
+def _legend_columns(labels: Sequence[str], width: float) -> int:
+    """Number of columns that a legend may have within a width [inches]."""
     widest = 0.46 + 0.056 * max(map(len, labels))
     columns = max(1, min(len(labels), int(width / widest)))
     rows = -(-len(labels) // columns)
@@ -192,13 +192,13 @@ def legend_columns(labels: Sequence[str], width: float) -> int:
 
 
 def legend_rows(labels: Sequence[str], width: float) -> int:
-    """How many rows it then has."""
-    return -(-len(labels) // legend_columns(labels, width))
+    """Number of rows that it then has."""
+    return -(-len(labels) // _legend_columns(labels, width))
 
 
 def legend_above(figure: Figure, handles: Sequence[Line2D], width: float) -> None:
     """One legend over all axes of a figure that arranges itself; they make room for it."""
-    columns = legend_columns([str(line.get_label()) for line in handles], width)
+    columns = _legend_columns([str(line.get_label()) for line in handles], width)
     figure.legend(handles=list(handles), loc="outside upper center", ncols=columns, borderaxespad=0.1)
 
 

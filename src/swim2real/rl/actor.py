@@ -13,13 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel
 
+from swimbase.arrays import Array
 from swimbase.errors import RunError
 from swimbase.store import from_json, read_arrays, write_arrays
 
 if TYPE_CHECKING:
     from stable_baselines3 import SAC
 
-Array = NDArray[np.float64]
 Weights = NDArray[np.float32]
 
 _LEAST_LOG_STD, _MOST_LOG_STD = -20.0, 2.0  # as Stable-Baselines3 limits them
@@ -43,7 +43,7 @@ class Linear:
 
 
 class _AboutPolicy(BaseModel):
-    """What a policy is for.
+    """Purpose of a policy.
 
     Attributes:
         observation: Where in an observation each part of it is: first place, and the one after the last.

@@ -7,28 +7,17 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from swim2real.parameters import Values
+from swim2real.rl import rollout
 from swim2real.rl.body import Actuators, policy_setup
 from swim2real.rl.conditions import CONTROL_INTERVAL, UNDISTURBED, Disturbances, StateEstimate
 from swim2real.rl.environment import make_environments
-from swim2real.rl.rollout import (
-    Episode,
-    EpisodeStatistics,
-    Policy,
-    Which,
-    followed,
-    load_policy,
-    repeated,
-    run_episodes,
-)
 from swim2real.rl.state import MOST_PLACE
 from swim2real.rl.training_run import TrainingRun
 from swim2real.robots.robot import Robot
+from swimbase.arrays import Array
 from swimbase.errors import ArgumentError
-
-Array = NDArray[np.float64]
 
 TEST_SEED = 2_000_000  # of the episodes that a policy is assessed in
 SCANNED_PHASES = 4  # starts of each wave, where starts are at any phase
@@ -108,7 +97,7 @@ class WaveScan:
 
 @dataclass(frozen=True)
 class LoopResult:
-    """How a policy swims in one kind of loop.
+    """Results of a policy in one kind of loop.
 
     Attributes:
         statistics: Figures of the episodes.
@@ -117,15 +106,15 @@ class LoopResult:
         episodes: The episodes.
     """
 
-    statistics: EpisodeStatistics
+    statistics: rollout.EpisodeStatistics
     drift: float
     sideways: float
-    episodes: list[Episode]
+    episodes: list[rollout.Episode]
 
 
 @dataclass(frozen=True)
 class Assessment:
-    """How well a policy does.
+    """Results of a policy in all loops.
 
     Attributes:
         task: Task of the policy.
@@ -137,9 +126,9 @@ class Assessment:
     """
 
     task: str
-    which: Which
-    episodes: list[Episode]
-    statistics: EpisodeStatistics
+    which: rollout.Which
+    episodes: list[rollout.Episode]
+    statistics: rollout.EpisodeStatistics
     scans: dict[str, WaveScan]
     loops: dict[str, LoopResult]
 
@@ -162,7 +151,7 @@ class Assessment:
 
 def assess(
     run: TrainingRun, episodes: int, *, parameters: Sequence[Values] | None = None,
-    robot: Robot | None = None, disturbances: Disturbances | None = None, which: Which = "best",
+    robot: Robot | None = None, disturbances: Disturbances | None = None, which: rollout.Which = "best",
     estimate: StateEstimate | None = None, stage: int | None = None, threads: int = 1,
 ) -> Assessment:  # fmt: skip
     """Assesses a policy.
@@ -193,15 +182,15 @@ def assess(
     if swims[0].goal is None:
         scans = _scans(run.task, sets[0], robot, swims[0].duration, replace(disturbed, estimate=None), threads)
     if estimate is not None:
-        policy, few = load_policy(run, which), seeds[:SIDE_BY_SIDE]
+        policy, few = rollout.load_policy(run, which), seeds[:SIDE_BY_SIDE]
         loops = compare_loops(policy, run.task, sets[0], robot, few, disturbed, estimate, stage=stage)
-    return Assessment(settings.task, which, swims, EpisodeStatistics.of(swims), scans, loops)
+    return Assessment(settings.task, which, swims, rollout.EpisodeStatistics.of(swims), scans, loops)
 
 
 def run_policy(
     run: TrainingRun, seeds: Sequence[int], robot: Robot, parameters: Sequence[Values], disturbances: Disturbances, *,
-    which: Which = "best", stage: int | None = None, threads: int = 1,
-) -> list[Episode]:  # fmt: skip
+    which: rollout.Which = "best", stage: int | None = None, threads: int = 1,
+) -> list[rollout.Episode]:  # fmt: skip
     """Episodes of a policy.
 
     Args:
@@ -217,14 +206,14 @@ def run_policy(
     Raises:
         RunError: The run has no policy, or it doesn't fit the robot.
     """
-    policy, episodes = load_policy(run, which), list[Episode]()
+    policy, episodes = rollout.load_policy(run, which), list[rollout.Episode]()
     for first in range(0, len(seeds), SIDE_BY_SIDE):
         chunk = seeds[first : first + SIDE_BY_SIDE]
         environments = make_environments(
             run.task, parameters, len(chunk), robot=robot, disturbances=disturbances, threads=threads, stage=stage
         )
         run.check_fits(policy, environments)
-        episodes += run_episodes(environments, policy, chunk)
+        episodes += rollout.run_episodes(environments, policy, chunk)
         environments.close()
     return episodes
 
@@ -249,7 +238,7 @@ def scan_waves(
     waves: Sequence[Wave], task: str, parameters: Values, robot: Robot, phases: Sequence[float], seconds: float, *,
     disturbances: Disturbances = UNDISTURBED, threads: int = 1,
 ) -> WaveScan:  # fmt: skip
-    """What waves reach in a task, within the actuators' limits and rates.
+    """Scans what waves reach in a task, within the actuators' limits and rates.
 
     Args:
         waves: Waves to try.
@@ -266,10 +255,10 @@ def scan_waves(
     )
     actuators = environments.bodies.actuators
     times = CONTROL_INTERVAL * np.arange(1.0, round(seconds / CONTROL_INTERVAL) + 1)
-    policy = followed(np.stack([wave.commands(actuators, times) for wave in waves], axis=1), actuators)
+    policy = rollout.followed(np.stack([wave.commands(actuators, times) for wave in waves], axis=1), actuators)
     distances, returns = np.zeros(len(waves)), np.zeros(len(waves))
     for phase in phases:
-        episodes = run_episodes(environments, policy, range(len(waves)), [{"phase": phase}] * len(waves))
+        episodes = rollout.run_episodes(environments, policy, range(len(waves)), [{"phase": phase}] * len(waves))
         distances += [episode.distance for episode in episodes]
         returns += [episode.episode_return for episode in episodes]
     environments.close()
@@ -277,8 +266,8 @@ def scan_waves(
 
 
 def compare_loops(
-    policy: Policy, task: str, parameters: Values, robot: Robot, seeds: Sequence[int], disturbances: Disturbances,
-    estimate: StateEstimate, seconds: float | None = None, stage: int | None = None,
+    policy: rollout.Policy, task: str, parameters: Values, robot: Robot, seeds: Sequence[int],
+    disturbances: Disturbances, estimate: StateEstimate, seconds: float | None = None, stage: int | None = None,
 ) -> dict[str, LoopResult]:  # fmt: skip
     """Runs each start four times, to see how far a disturbed robot strays from the undisturbed one.
 
@@ -301,22 +290,22 @@ def compare_loops(
     """
     true_state = replace(disturbances, estimate=None)
 
-    def swim(policy: Policy, disturbed: Disturbances) -> list[Episode]:
+    def swim(policy: rollout.Policy, disturbed: Disturbances) -> list[rollout.Episode]:
         environments = make_environments(
             task, [parameters], len(seeds), robot=robot, disturbances=disturbed, seconds=seconds, stage=stage
         )
-        return run_episodes(environments, policy, seeds)
+        return rollout.run_episodes(environments, policy, seeds)
 
     nominal = swim(policy, Disturbances(start_phase=disturbances.start_phase))
     episodes = {
         "nominal": nominal,
-        "open": swim(repeated([episode.actions for episode in nominal]), true_state),
+        "open": swim(rollout.repeated([episode.actions for episode in nominal]), true_state),
         "closed": swim(policy, true_state),
         "tracked": swim(policy, replace(disturbances, estimate=estimate)),
     }
     return {
         name: LoopResult(
-            EpisodeStatistics.of(swims),
+            rollout.EpisodeStatistics.of(swims),
             float(np.mean([_drift(swim, reference) for swim, reference in zip(swims, nominal, strict=True)])),
             float(np.mean([abs(swim.heads[-1, 1]) for swim in swims])),
             swims,
@@ -326,9 +315,9 @@ def compare_loops(
 
 
 def policy_commands(
-    run: TrainingRun, seconds: float, *, which: Which = "best", phase: float = 0.0,
+    run: TrainingRun, seconds: float, *, which: rollout.Which = "best", phase: float = 0.0,
     goal: tuple[float, float] | None = None,
-) -> tuple[Actuators, Episode]:  # fmt: skip
+) -> tuple[Actuators, rollout.Episode]:  # fmt: skip
     """Commands of a policy in the simulator that it was trained in, from rest.
 
     An episode that reaches its goal ends there, others when the seconds are over.
@@ -350,11 +339,11 @@ def policy_commands(
     """
     if goal is not None and not math.hypot(*goal) <= MOST_PLACE:
         raise ArgumentError(f"the goal is {goal[0]:g}, {goal[1]:g} m; it must be within {MOST_PLACE:g} m of the start")
-    policy, settings = load_policy(run, which), run.settings
+    policy, settings = rollout.load_policy(run, which), run.settings
     environments = make_environments(run.task, settings.parameters, 1, robot=run.robot, seconds=seconds)
     run.check_fits(policy, environments)
     options: dict[str, object] = {"phase": phase, "member": 0, "goal": goal or (-1.0, 0.0)}
-    episode = run_episodes(environments, policy, [TEST_SEED], [options])[0]
+    episode = rollout.run_episodes(environments, policy, [TEST_SEED], [options])[0]
     if goal is not None and episode.goal is None:
         raise ArgumentError(f"a goal is for policies of a task with goals; this one was trained for '{settings.task}'")
     if episode.failure:
@@ -362,7 +351,7 @@ def policy_commands(
     return environments.bodies.actuators, episode
 
 
-def _drift(episode: Episode, reference: Episode) -> float:
+def _drift(episode: rollout.Episode, reference: rollout.Episode) -> float:
     """Distance between two swims at the last time that both have [m]."""
     last = min(len(episode.heads), len(reference.heads)) - 1
     return float(np.linalg.norm(episode.heads[last] - reference.heads[last]))

@@ -17,9 +17,9 @@ from swim2real.robots.compiled import set_linear
 from swim2real.robots.robot import CommandLimits, PolicySetup, Robot
 from swim2real.simulation.playback import sensor_address
 from swim2real.simulation.start import STARTS, start_at_keyframe
+from swimbase.arrays import Array
 from swimbase.errors import ArgumentError
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 ORIGIN = "policy:origin"  # site of the point that stands for where the robot is
@@ -29,7 +29,7 @@ _ANGLES = 361  # of the motor, for which start postures are kept
 
 
 def policy_setup(robot: Robot) -> PolicySetup:
-    """What a policy of a robot commands and sees.
+    """Set-up of a robot's policies: commands and observations.
 
     Raises:
         ArgumentError: The robot's file doesn't say.
@@ -84,7 +84,7 @@ class Actuators:
 
 @dataclass(frozen=True)
 class _Layout:
-    """Where the parts of a robot are in its model.
+    """Layout of a robot's parts in its model.
 
     The floating body is the one that carries the first marker of the robot's frame, with all joints that lead to it. A
     motor is a hinge without a range that an actuator turns; the other joints are the robot's own.
@@ -111,7 +111,7 @@ class _Layout:
 
     @property
     def sites(self) -> tuple[str, ...]:
-        """What is read: the seen sites, then the point that stands for the floating body, if there is one."""
+        """Sites that are read: the seen ones, then the point that stands for the floating body, if there is one."""
         return self.seen if self.frame is None else (*self.seen, ORIGIN)
 
     @property

@@ -12,7 +12,7 @@ CONTROL_INTERVAL = 0.02  # s, 50 Hz, as commands are sent to the robot
 
 @dataclass(frozen=True)
 class StateEstimate:
-    """How a camera sees the robot. Motors report their own angles and speeds, without noise or delay.
+    """Camera's estimate of the robot's state. Motors report their own angles and speeds, without noise or delay.
 
     Attributes:
         noise: Standard deviation of a marker's position, along x and y each [m]. Our tracker is off by 0.2 to 0.5 mm in
@@ -32,7 +32,7 @@ class StateEstimate:
 
 @dataclass(frozen=True)
 class Disturbances:
-    """What a real swim has and the calibrated simulator hasn't; nothing by default.
+    """Disturbances that a real swim has and the calibrated simulator hasn't; nothing by default.
 
     The real robot swims an arc to the left, by friction of its tendons in their routing holes, as the paper suspects.
     A tendon that rubs pulls the tail with less than its tension, so the left one loses a share of its stiffness. With

@@ -20,10 +20,9 @@ from swim2real.rl.state_estimation import StateEstimator
 from swim2real.rl.tasks import Task, find_task
 from swim2real.robots.fish import FISH
 from swim2real.robots.robot import Robot
+from swimbase.arrays import Array, Mask
 from swimbase.errors import ArgumentError
 
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 Observation = NDArray[np.float32]
 
 DIVERGED = -1000.0  # reward of a step that the simulation can't make
@@ -31,7 +30,7 @@ DIVERGED = -1000.0  # reward of a step that the simulation can't make
 
 @dataclass(frozen=True)
 class _Stepped:
-    """What a step of N environments gave; rows of those that weren't stepped mean nothing.
+    """Results of a step of N environments; rows of those that weren't stepped mean nothing.
 
     Attributes:
         rewards: Rewards. Shape (N,).
@@ -41,13 +40,13 @@ class _Stepped:
     """
 
     rewards: Array
-    terminated: Flags
-    truncated: Flags
-    success: Flags
+    terminated: Mask
+    truncated: Mask
+    success: Mask
 
     @property
-    def ended(self) -> Flags:
-        """Whether the episode is over."""
+    def ended(self) -> Mask:
+        """True where the episode is over."""
         return self.terminated | self.truncated
 
 
@@ -188,7 +187,7 @@ class Environments:
         return _Stepped(rewards, done, over & ~done, success)
 
     def info(self, index: int) -> dict[str, Any]:
-        """What is known of one environment, whatever it observes.
+        """State of one environment, whatever it observes.
 
         `time` since the start [s], forward `distance` since then [m], `position` [m], `heading` [rad], the `commands`
         of the actuators [unit], what the task adds, and `diverged`, a sentence, where the simulation has.
@@ -240,7 +239,7 @@ class Environments:
 
     @property
     def interface(self) -> dict[str, Any]:
-        """What a policy is made for: where in an observation each part is, and the actuators that it commands."""
+        """Interface of a policy: the place of each part in an observation, and the actuators that it commands."""
         places = {part: [where.start, where.stop] for part, where in self.names.items()}
         return {"observation": places, "actions": list(self.bodies.actuators.names)}
 

@@ -8,14 +8,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from markertrack.drawing import INK, PAGE, Canvas, Color, plain
 from markertrack.video.writer import VideoWriter
 from swim2real.rl.rollout import Episode
 from swim2real.robots.robot import Robot
-
-Array = NDArray[np.float64]
+from swimbase.arrays import Array
 
 _BODY: Color = (21, 88, 176)
 _PATH: Color = (162, 172, 185)

@@ -113,7 +113,7 @@ def make_vector_env(
 
 @dataclass(frozen=True)
 class Transitions:
-    """What N environments went through in one step.
+    """Transitions of N environments in one step.
 
     Attributes:
         observations: Before. Shape (N, n).
@@ -306,7 +306,7 @@ class _Checkpoint:
 
     @property
     def resumable(self) -> bool:
-        """Whether a run can go on from it; older checkpoints lose their replay buffer."""
+        """True if a run can go on from it; older checkpoints lose their replay buffer."""
         return all((self.folder / name).is_file() for name in (_NETWORKS, _REPLAY, _EPISODES, _STATE))
 
 

@@ -7,13 +7,12 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from fluidstep.batch import Batch
 from swim2real.rl.body import Bodies, Indices
 from swim2real.rl.conditions import CONTROL_INTERVAL
+from swimbase.arrays import Array
 
-Array = NDArray[np.float64]
 _PHYSICS = mujoco.mjtState.mjSTATE_INTEGRATION
 _ROUNDING = 1e-9  # intervals
 

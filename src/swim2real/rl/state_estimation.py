@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from swim2real.rl.body import Bodies, Indices
 from swim2real.rl.conditions import CONTROL_INTERVAL, StateEstimate
 from swim2real.rl.state import RobotState, unwrapped
 from swim2real.simulation.pose import SCALAR
+from swimbase.arrays import Array
 from swimbase.errors import ArgumentError
-
-Array = NDArray[np.float64]
 
 _SPREAD = 0.1  # rad or m, standard deviation of a joint's position before any marker is seen
 _LEAST_NOISE = 0.0002  # m: markers above the floating body move that much when it rolls
@@ -125,7 +123,7 @@ class StateEstimator:
 
 
 class _Look:
-    """Where a camera sees the markers and the floating body of one parameter set in a pose, as from the start."""
+    """View of the markers and the floating body of one parameter set in a pose, as from the start."""
 
     def __init__(self, model: mujoco.MjModel, bodies: Bodies) -> None:
         self._model, self._data, self._bodies = model, mujoco.MjData(model), bodies

@@ -1,4 +1,4 @@
-"""What a policy is to do: go forward, go to a goal with a curriculum of farther goals, or a task of one's own."""
+"""Tasks of policies: go forward, go to a goal with a curriculum of farther goals, or a task of one's own."""
 
 from __future__ import annotations
 
@@ -13,18 +13,15 @@ from pathlib import Path
 from typing import Any, ClassVar, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from swim2real import consent
 from swim2real.formatting import listed, shortened
 from swim2real.rl.state import MOST_PLACE, MOST_RATE, RobotState
 from swim2real.robots.named_code import NamedCode, request
 from swim2real.robots.robot import Robot
+from swimbase.arrays import Array, Mask
 from swimbase.errors import ArgumentError
 from swimbase.names import label_fault, quoted
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 ENTRY_POINTS = "swim2real.tasks"  # group of those by which a package offers tasks
 _NEEDED = ("observes", "adds", "needs_frame", "stages", "begin", "observe", "score")  # of a task's class
@@ -60,10 +57,10 @@ class Task(Protocol):
         ...
 
     def observe(self, state: RobotState) -> Array:
-        """What the task adds to the observation of a state, which may be an estimate. Shape (N, sum of lengths)."""
+        """Part of the observation that the task adds, from a state or an estimate of it. Shape (N, sum of lengths)."""
         ...
 
-    def score(self, state: RobotState, actions: Array) -> tuple[Array, Flags]:
+    def score(self, state: RobotState, actions: Array) -> tuple[Array, Mask]:
         """Rewards of a step and whether the task is done, from true states after it and actions (N, A). Shapes (N,)."""
         ...
 
@@ -100,7 +97,7 @@ class Forward:
         del state
         return self._nothing
 
-    def score(self, state: RobotState, actions: Array) -> tuple[Array, Flags]:
+    def score(self, state: RobotState, actions: Array) -> tuple[Array, Mask]:
         del actions
         return -state.position[:, 0], np.zeros(len(state.position), np.bool_)
 
@@ -203,7 +200,7 @@ class ReachGoal:
         goal = _seen(self.goals - state.position, state.heading)
         return np.column_stack([self._distances(state), *goal, *_seen(-state.velocity, state.heading)])
 
-    def score(self, state: RobotState, actions: Array) -> tuple[Array, Flags]:
+    def score(self, state: RobotState, actions: Array) -> tuple[Array, Mask]:
         reached = self._distances(state) < self.thresholds
         way = self._way(*_seen(self.goals - state.position, state.heading))
         nearer, self.before[:] = self.before - way, way
@@ -237,7 +234,7 @@ class PaperReachGoal(ReachGoal):
     discount: ClassVar[float] = 0.99
     takes: ClassVar[tuple[str, ...]] = ("near_goals",)
 
-    def score(self, state: RobotState, actions: Array) -> tuple[Array, Flags]:
+    def score(self, state: RobotState, actions: Array) -> tuple[Array, Mask]:
         distances = self._distances(state)
         reached = distances < self.thresholds
         return -distances - 0.5 * np.abs(actions).mean(axis=1) + 300.0 * reached, reached
@@ -249,8 +246,7 @@ TASKS: Mapping[str, type[Any]] = {"forward": Forward, "target": ReachGoal, "pape
 def find_task(name: str) -> type[Any]:
     """The class of a task: a built-in one, one of an installed package, or one of a Python file.
 
-    Who gives a name here allows the code that it names, which is remembered; a name that was read from a file is asked
-    for before (`check_allowed`).
+    Passing a name permits its code to run, which is remembered; names read from files go through `check_allowed` first.
 
     Args:
         name: `forward`, `target`, `paper-target`, the name of an entry point in the group `swim2real.tasks`, or
@@ -367,7 +363,7 @@ class Curriculum:
         return True
 
     def state(self) -> tuple[int, list[bool]] | None:
-        """What a resumed run needs."""
+        """State that a resumed run needs."""
         return None if self.stage is None else (self.stage, list(self._recent))
 
     def restore(self, state: tuple[int, list[bool]] | None) -> None:

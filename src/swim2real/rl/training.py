@@ -24,19 +24,10 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from swim2real.parameters import Values
+from swim2real.rl import learner
 from swim2real.rl import training_run as files
 from swim2real.rl.conditions import CONTROL_INTERVAL, UNDISTURBED, Disturbances
 from swim2real.rl.environment import Environments, make_environments
-from swim2real.rl.learner import (
-    Learner,
-    RobotVecEnv,
-    Transitions,
-    checkpoint_errors,
-    list_checkpoints,
-    load_checkpoint,
-    remove_older_replay_buffers,
-    write_checkpoint,
-)
 from swim2real.rl.rollout import EpisodeStatistics, run_episodes
 from swim2real.rl.tasks import Curriculum
 from swim2real.rl.training_run import TrainingOutcome, TrainingSeconds
@@ -58,7 +49,7 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class TrainingProgress:
-    """How far a training is.
+    """Progress of a training.
 
     Attributes:
         step: Environment steps made.
@@ -139,7 +130,7 @@ class Trainer:
         self.curriculum = Curriculum(self.environments.task.stages)
         task, pool = self.environments.task, self.environments.robots.batch.pool
         self.discount = task.discount if settings.discount is None else settings.discount
-        self.learner = Learner(settings, RobotVecEnv(self.environments), self.discount, pool)
+        self.learner = learner.Learner(settings, learner.RobotVecEnv(self.environments), self.discount, pool)
         self.actor = self.learner.actor
         for name in ("near_goals", "turn_reward"):
             value = getattr(settings, name)
@@ -177,11 +168,11 @@ class Trainer:
         self.environments.begin(np.arange(self.environments.count))
         if resume:
             files.check_same_settings(self.out, content)
-            whole = [checkpoint for checkpoint in list_checkpoints(self.out) if checkpoint.resumable]
+            whole = [checkpoint for checkpoint in learner.list_checkpoints(self.out) if checkpoint.resumable]
             if whole:
-                with checkpoint_errors(whole[-1]):
-                    self._restore(*load_checkpoint(whole[-1], self.learner))
-                remove_older_replay_buffers(self.out, self.step)
+                with learner.checkpoint_errors(whole[-1]):
+                    self._restore(*learner.load_checkpoint(whole[-1], self.learner))
+                learner.remove_older_replay_buffers(self.out, self.step)
             else:
                 _log.info("'%s' has no checkpoint yet; it is begun anew", self.out)
             for name in _RECORDS:
@@ -268,7 +259,7 @@ class Trainer:
         self.seconds.learner += self.learner.wait()
         self.actor = self.learner.actor
 
-    def _step(self) -> Transitions:
+    def _step(self) -> learner.Transitions:
         """One step of all environments."""
         environments = self.environments
         before = environments.observations.copy()
@@ -287,7 +278,7 @@ class Trainer:
         if len(ended):
             environments.begin(ended)
         self.step += environments.count
-        return Transitions(before, actions, stepped.rewards, after, stepped.ended, stepped.truncated)
+        return learner.Transitions(before, actions, stepped.rewards, after, stepped.ended, stepped.truncated)
 
     def _note_episode(self, index: int, success: bool) -> None:
         info = self.environments.info(index)
@@ -364,7 +355,7 @@ class Trainer:
         }  # fmt: skip
         arrays |= {_RETURNS: self.returns, _NOISE: self.noise}
         self._write_policy(files.LAST)  # first: after the last checkpoint a run that goes on writes no policy
-        write_checkpoint(self.out, self.step, self.learner, arrays, state)
+        learner.write_checkpoint(self.out, self.step, self.learner, arrays, state)
 
     def _restore(self, arrays: dict[str, NDArray[Any]], state: Mapping[str, Any]) -> None:
         """Goes on with what `_save` kept. Damaged content raises errors of many types."""

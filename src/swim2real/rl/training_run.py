@@ -18,18 +18,9 @@ from swim2real.rl.tasks import check_allowed
 from swim2real.robots import recorded_robot
 from swim2real.robots.robot import Robot
 from swim2real.robots.schema import hook_file
+from swimbase import store
 from swimbase.checking import Number, PathText, check, read, shown
 from swimbase.errors import ArgumentError, RunError
-from swimbase.store import (
-    drop_cut_line,
-    from_json,
-    locked,
-    read_json,
-    read_lines,
-    remove_leftovers,
-    write_text,
-    writing,
-)
 
 SETTINGS, OUTCOME = "settings.json", "outcome.json"
 EPISODES, EVALUATIONS, PROGRESS = "episodes.jsonl", "evaluations.jsonl", "progress.jsonl"
@@ -41,7 +32,7 @@ _WRITTEN = (SETTINGS, OUTCOME, EPISODES, EVALUATIONS, PROGRESS, LAST, BEST, "che
 
 
 class RecordedSettings(BaseModel):
-    """What settings.json says of a run that others need; the file says more.
+    """Settings in settings.json that others need; the file says more.
 
     Attributes:
         kind: Kind of run.
@@ -70,7 +61,7 @@ class RecordedSettings(BaseModel):
 
 @dataclass
 class TrainingSeconds:
-    """Where the time of a training went [s].
+    """Seconds that the parts of a training took [s].
 
     Attributes:
         total: All of it.
@@ -87,7 +78,7 @@ class TrainingSeconds:
 
 @dataclass(frozen=True)
 class TrainingOutcome:
-    """What became of a training.
+    """Outcome of a training.
 
     Attributes:
         complete: Whether all steps were made.
@@ -196,7 +187,7 @@ class TrainingRun:
 
     @property
     def outcome(self) -> TrainingOutcome | None:
-        """What became of the training; None while it runs for the first time."""
+        """Outcome of the training; None while it runs for the first time."""
         path = self.folder / OUTCOME
         return read(TrainingOutcome, path, "training outcome", RunError) if path.is_file() else None
 
@@ -222,7 +213,7 @@ def check_there(folder: Path) -> None:
         raise RunError(f"'{folder}' is no training run: it has no {SETTINGS}; `swim2real train` makes one")
     content: Any = None
     with suppress(OSError, ValueError):  # what is wrong with them is said where they are read
-        content = read_json(path)
+        content = store.read_json(path)
     if isinstance(content, dict) and "task" not in content and "method" in content:
         given = shlex.quote(str(folder))
         raise RunError(
@@ -240,8 +231,8 @@ def locked_folder(folder: Path) -> Generator[None]:
     """
     busy = f"another process is training into '{folder}'; wait for it or choose another"
     remedy = "--resume goes on from the last checkpoint, or choose another folder"
-    with writing(folder, RunError, remedy, busy=busy), locked(folder):
-        remove_leftovers(folder, _WRITTEN)
+    with store.writing(folder, RunError, remedy, busy=busy), store.locked(folder):
+        store.remove_leftovers(folder, _WRITTEN)
         yield
 
 
@@ -263,7 +254,7 @@ def check_same_settings(folder: Path, content: Mapping[str, Any]) -> None:
 
 
 class _Line(BaseModel, extra="allow"):
-    """What charts take from a line of a record; the line says more."""
+    """Columns of a record that charts need; its lines say more."""
 
     step: int
     episode_return: Number | None = None
@@ -279,7 +270,7 @@ def read_record(path: Path) -> list[dict[str, Any]]:
         RunError: A line isn't JSON, or lacks a number that is drawn.
     """
     try:
-        lines = [from_json(line) for line in read_lines(path)]
+        lines = [store.from_json(line) for line in store.read_lines(path)]
     except ValueError as error:
         raise RunError(f"record '{path}' is damaged: {error}") from error
     for number, line in enumerate(lines, start=1):
@@ -291,5 +282,5 @@ def cut_record(path: Path, step: int) -> None:
     """Drops the lines of a record that were written after an environment step."""
     if not path.exists():
         return
-    drop_cut_line(path)
-    write_text(path, "".join(json.dumps(line) + "\n" for line in read_record(path) if line["step"] <= step))
+    store.drop_cut_line(path)
+    store.write_text(path, "".join(json.dumps(line) + "\n" for line in read_record(path) if line["step"] <= step))

@@ -66,7 +66,7 @@ def compile_alone(path: Path, where: str = "", *, confined: bool = True) -> None
 
 
 def within(folder: Path, read: Callable[[], T]) -> T:
-    """What a function returns in a thread that can open files in one folder and below it, and no others.
+    """Calls a function in a thread that can open files in one folder and below it, and no others.
 
     Only where the system has Landlock: Linux from 5.13 on. Elsewhere the thread can open all files.
     """
@@ -93,7 +93,7 @@ def _confine(folder: Path) -> None:
 
 
 def _answer(output: bytes) -> str | None:
-    """What MuJoCo said of the model, an empty text where all is well; None where the process ended before."""
+    """Answer of MuJoCo about the model, an empty text if all is well; None if the process ended before."""
     try:
         answer: Any = json.loads(output.decode("utf-8", "replace").splitlines()[-1])
     except (ValueError, IndexError):

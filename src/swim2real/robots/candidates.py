@@ -1,4 +1,4 @@
-"""What a first robot file for an MJCF model may calibrate: resistances, gains, fluid coefficients and masses."""
+"""Candidates for the parameters of an MJCF model's first robot file: resistances, gains, fluid coefficients, masses."""
 
 from __future__ import annotations
 
@@ -139,14 +139,14 @@ def _tendons(spec: mujoco.MjSpec, model: mujoco.MjModel) -> Iterator[Candidate]:
 
 
 def carrying(model: mujoco.MjModel, joint: int) -> bool:
-    """Whether a joint stands for a robot's freedom to go anywhere: it is on a body that slides through the world."""
+    """True if a joint stands for a robot's freedom to go anywhere: it is on a body that slides through the world."""
     body = model.jnt_bodyid[joint]
     on_body = [j for j in range(model.njnt) if model.jnt_bodyid[j] == body]
     return bool(model.body_parentid[body] == 0 and sum(_glides(model, j) for j in on_body) > 1)
 
 
 def _driven(model: mujoco.MjModel, joint: int) -> bool:
-    """Whether an actuator moves a joint, or may by a tendon or a crank."""
+    """True if an actuator moves a joint, or may by a tendon or a crank."""
     at_joints = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
     kinds, ends = model.actuator_trntype, model.actuator_trnid[:, 0]
     return any(kind not in at_joints or end == joint for kind, end in zip(kinds, ends, strict=True))
@@ -208,7 +208,7 @@ def _actuators(spec: mujoco.MjSpec) -> Iterator[Candidate]:
 
 
 def _gains_of(actuator: Any) -> tuple[tuple[str, str, float | None], ...]:
-    """What can be calibrated of an actuator: its name, where it is, and its value; None multiplies the model's own."""
+    """Gains of an actuator that can be calibrated: name, place, and value; None multiplies the model's own."""
     laws: list[tuple[str, str, float | None]] = []
     gains = {name: attribute(actuator, name) for name in ("kp", "kv")}
     if any(gains.values()):
@@ -335,13 +335,13 @@ def _grouped(elements: Sequence[Any], value: Callable[[Any], T]) -> list[tuple[T
 
 
 def _base_name(kind: str, members: Sequence[Any]) -> str:
-    """What one element is called, or several that differ in numbers and sides."""
+    """Name of one element, or of several that differ in numbers and sides."""
     name = members[0].name if len(members) == 1 else _TWINS.sub("", members[0].name)
     return re.sub(r"\W+|_+", "_", name).strip("_").lower() or kind
 
 
 def _line(kind: str, members: Sequence[Any], attribute: str) -> str:
-    """What writes to elements."""
+    """Line that writes to elements."""
     return f"{kind} {', '.join(_quoted(member.name) for member in members)} {attribute}"
 
 

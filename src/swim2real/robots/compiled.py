@@ -20,7 +20,7 @@ _UNITS = {
     "TENDONVEL": "m/s", "TENDONACTFRC": "N",
 }  # fmt: skip
 REFUSALS = (ValueError, RuntimeError, MemoryError, mujoco.FatalError)
-"""What MuJoCo raises where a model can't be read or compiled."""
+"""Errors that MuJoCo raises when a model can't be read or compiled."""
 
 
 def compiled(spec: mujoco.MjSpec, where: str) -> mujoco.MjModel:
@@ -93,7 +93,7 @@ def numbers(model: mujoco.MjModel) -> Iterator[tuple[str, Any]]:
 
 
 def same(first: mujoco.MjModel, second: mujoco.MjModel) -> bool:
-    """Whether two models of one spec have the same numbers."""
+    """True if two models of one spec have the same numbers."""
     return all(
         name == other and np.array_equal(a, b, equal_nan=isinstance(a, np.ndarray) and a.dtype.kind == "f")
         for (name, a), (other, b) in zip(numbers(first), numbers(second), strict=True)

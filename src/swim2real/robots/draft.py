@@ -20,7 +20,7 @@ _WIDTH = 110
 
 @dataclass(frozen=True)
 class Draft:
-    """What a new robot file says.
+    """Draft of a new robot file.
 
     Attributes:
         name: Name of the robot.

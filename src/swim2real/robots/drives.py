@@ -1,4 +1,4 @@
-"""What drives an actuator in a trial: a steady speed, a sine, a number, or a table of commands."""
+"""Drives of actuators in a trial: a steady speed, a sine, a number, or a table of commands."""
 
 from __future__ import annotations
 
@@ -7,18 +7,16 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from swim2real.robots.targets import Delays
 from swim2real.trials import Trial
+from swimbase.arrays import Array
 from swimbase.errors import EngineError, TrialError, about
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class Drive:
-    """What an actuator gets: offset + amplitude sin(2 pi f t + phase), f being the trial's frequency.
+    """Command of an actuator: offset + amplitude sin(2 pi f t + phase), f being the trial's frequency.
 
     Attributes:
         amplitude: Amplitude in the actuator's unit; 0 for the same number in every trial.

@@ -19,22 +19,13 @@ import numpy as np
 
 from swim2real import consent
 from swim2real.parameters import Parameter, ParameterSpace, Values
+from swim2real.robots import schema
 from swim2real.robots.alone import compile_alone, within
 from swim2real.robots.compiled import REFUSALS, compiled, one_line, sensor_units
 from swim2real.robots.drives import INTERPOLATED, SPEED, TABLE, Drive
 from swim2real.robots.mjcf_files import outside
 from swim2real.robots.named_code import FORMS, PREFIX, NamedCode, request
 from swim2real.robots.robot import CommandLimits, PolicySetup, Robot, Sensor, SteadySwims, Trials
-from swim2real.robots.schema import (
-    ControlEntry,
-    ParameterTable,
-    RecordingsTable,
-    RobotTable,
-    SensorTable,
-    SineTable,
-    SwimsTable,
-    read_content,
-)
 from swim2real.robots.targets import Delay, Target
 from swim2real.trials import units
 from swimbase.checking import check
@@ -73,7 +64,7 @@ class RobotFile:
 
     path: Path
     where: str
-    table: RobotTable
+    table: schema.RobotTable
     spec: mujoco.MjSpec
     calibrated: tuple[CalibratedParameter, ...]
 
@@ -159,9 +150,9 @@ def open_robot_file(
         ConsentError: Something of this wasn't allowed.
     """
     place = Path(path)
-    content = read_content(place)
+    content = schema.read_content(place)
     where = f"robot file '{place}'"
-    table = check(RobotTable, _for_markers(content) if markers_only else content, where, RobotError)
+    table = check(schema.RobotTable, _for_markers(content) if markers_only else content, where, RobotError)
     code = _request(content, table, place.parent, where)
     if code is not None:
         consent.require(code, allowed=allow_code)
@@ -185,7 +176,7 @@ def open_robot_file(
 
 
 def _for_markers(content: Mapping[str, Any]) -> dict[str, object]:
-    """What a file says, without what only calibrations and policies take."""
+    """Content of a file without what only calibrations and policies take."""
     kept = {key: value for key, value in content.items() if key != "policy"}
     if isinstance(kept.get("swims"), Mapping):
         kept["swims"] = {key: value for key, value in kept["swims"].items() if key not in ("response", "fit_plan")}
@@ -295,7 +286,7 @@ def _builder_of(path: Path, markers_only: bool, allowed: tuple[str, ...]) -> _Bu
     return robot_from_file(path, markers_only=markers_only).build.__self__  # type: ignore[attr-defined]
 
 
-def _base(table: RobotTable, folder: Path, where: str, allow_outside: bool, alone: bool) -> mujoco.MjSpec:
+def _base(table: schema.RobotTable, folder: Path, where: str, allow_outside: bool, alone: bool) -> mujoco.MjSpec:
     """The model before anything is written to it."""
     if table.model.startswith(PREFIX):
         spec = _call(table.model, folder, f"{where}: 'model'")
@@ -311,7 +302,7 @@ def _base(table: RobotTable, folder: Path, where: str, allow_outside: bool, alon
 
 
 def _call(hook: str, folder: Path, where: str) -> Any:
-    """What a function returns that a robot file names. Whether it may run has been asked by then."""
+    """Calls a function that a robot file names. Permission to run it has been asked by then."""
     code = NamedCode.parse(hook, folder)
     if code is None:
         raise RobotError(f"{where} is '{hook}'; it must be {FORMS}")
@@ -327,8 +318,8 @@ def _call(hook: str, folder: Path, where: str) -> Any:
         raise RobotError(f"{where} '{hook}' failed: {type(error).__name__}: {error}") from error
 
 
-def _request(content: Mapping[str, Any], table: RobotTable, folder: Path, where: str) -> consent.Request | None:
-    """What the Python code needs that a file names. It is remembered by all that the file says, and by the code."""
+def _request(content: Mapping[str, Any], table: schema.RobotTable, folder: Path, where: str) -> consent.Request | None:
+    """Request to run the Python code that a file names. It is remembered by all that the file says, and by the code."""
     swims = table.swims
     hooks = [table.model, *(() if swims is None else (swims.response, swims.fit_plan))]
     codes = [code for hook in hooks if hook and (code := NamedCode.parse(hook, folder)) is not None]
@@ -371,7 +362,7 @@ def _trials(file: RobotFile, markers: tuple[str, ...]) -> Trials:
     return _recordings(file, file.table.recordings, markers)
 
 
-def _swims(file: RobotFile, table: SwimsTable, markers: tuple[str, ...]) -> Trials:
+def _swims(file: RobotFile, table: schema.SwimsTable, markers: tuple[str, ...]) -> Trials:
     spec, where, folder = file.spec, f"{file.where}, [swims]", file.path.parent
     joints = [joint.name for joint in spec.joints]
     motor = () if table.motor_joint is None else (("motor_joint", table.motor_joint),)
@@ -400,7 +391,7 @@ def _swims(file: RobotFile, table: SwimsTable, markers: tuple[str, ...]) -> Tria
     )
 
 
-def _recordings(file: RobotFile, table: RecordingsTable, markers: tuple[str, ...]) -> Trials:
+def _recordings(file: RobotFile, table: schema.RecordingsTable, markers: tuple[str, ...]) -> Trials:
     spec, where = file.spec, f"{file.where}, [recordings]"
     actuators = [actuator.name for actuator in spec.actuators]
     for name in table.controls:
@@ -435,14 +426,14 @@ def _policy(file: RobotFile) -> PolicySetup | None:
     )  # fmt: skip
 
 
-def _drive(entry: ControlEntry) -> Drive:
-    if isinstance(entry, SineTable):
+def _drive(entry: schema.ControlEntry) -> Drive:
+    if isinstance(entry, schema.SineTable):
         return Drive(entry.amplitude, entry.phase, entry.offset)
     words = {"table": TABLE, "interpolated table": INTERPOLATED, "frequency": SPEED}
     return words[entry] if isinstance(entry, str) else Drive(offset=entry)
 
 
-def _sensors(file: RobotFile, table: RecordingsTable) -> tuple[Sensor, ...]:
+def _sensors(file: RobotFile, table: schema.RecordingsTable) -> tuple[Sensor, ...]:
     if not table.sensors:
         return ()
     model = compiled(file.spec.copy(), file.where)
@@ -453,7 +444,7 @@ def _sensors(file: RobotFile, table: RecordingsTable) -> tuple[Sensor, ...]:
     )
 
 
-def _sensor(where: str, name: str, own: str, entry: SensorTable) -> Sensor:
+def _sensor(where: str, name: str, own: str, entry: schema.SensorTable) -> Sensor:
     """A sensor whose own unit, that of the model, is known or `-`."""
     unit, wraps, turn, factor = entry.unit, entry.range is not None, None, 1.0
     if "-" not in (own, unit):
@@ -492,7 +483,7 @@ def _calibrated(
     entry: Mapping[str, Any], number: int, spec: mujoco.MjSpec, signals: Mapping[str, Sequence[str]] | None, where: str
 ) -> CalibratedParameter:
     label = f"{where}, parameter {entry.get('name', number + 1)!r}"
-    table = check(ParameterTable, entry, label, RobotError)
+    table = check(schema.ParameterTable, entry, label, RobotError)
     try:
         delays = tuple(_delays(table, signals))
         lines = {delay.line for delay in delays}
@@ -513,8 +504,8 @@ def _calibrated(
     return CalibratedParameter(parameter, targets, delays)
 
 
-def _delays(table: ParameterTable, signals: Mapping[str, Sequence[str]] | None) -> Iterator[Delay]:
-    """What a parameter delays of recordings, whose controls and sensors are given by kind; None for swims."""
+def _delays(table: schema.ParameterTable, signals: Mapping[str, Sequence[str]] | None) -> Iterator[Delay]:
+    """Delays that a parameter sets of recordings, whose controls and sensors are given by kind; None for swims."""
     for to in table.targets:
         delay = Delay.parse(to.to, to.factor, to.offset)
         if delay is None:

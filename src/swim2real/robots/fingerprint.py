@@ -37,7 +37,7 @@ def fingerprint(path: str | Path) -> str:
 
 
 def _parts(place: Path, content: Mapping[str, Any]) -> Iterator[tuple[str, bytes]]:
-    """What the robot is made of beside its own file: names and contents."""
+    """Parts of a robot beside its own file: names and contents."""
     folder, model = place.parent, str(content["model"])
     hooks = [content.get("swims", {}).get(key) for key in ("response", "fit_plan")]
     for text in (model, *hooks):

@@ -101,7 +101,7 @@ def first_found(name: str, folders: Sequence[Path]) -> list[Path]:
 
 
 def outside(path: Path, where: str = "") -> Request | None:
-    """What a model needs that is made of files outside of its folder; None where all lie in it or below it.
+    """Request for a model that is made of files outside of its folder; None if all lie in it or below it.
 
     Args:
         path: The model.
@@ -157,7 +157,7 @@ def _plain(name: str) -> str:
 
 
 def _places(name: str, folders: Sequence[Path]) -> list[str]:
-    """Everywhere a name could lead to; MuJoCo may be told to look for its last part only."""
+    """Everywhere a name could lead to; a model can have MuJoCo look for its last part only."""
     return [
         os.path.normpath(folder / part)
         for folder in folders for part in dict.fromkeys((_plain(name), _plain(name).rpartition("/")[2]))

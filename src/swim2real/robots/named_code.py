@@ -48,7 +48,7 @@ class NamedCode:
 
     @classmethod
     def parse(cls, text: str, folder: Path) -> NamedCode | None:
-        """What a text names; None for one of another form."""
+        """Reads a text that names code; None for one of another form."""
         parts = text.split(":")
         return cls(parts[1], parts[2], folder) if len(parts) == 3 and text.startswith(PREFIX) else None
 
@@ -59,14 +59,14 @@ class NamedCode:
 
     @property
     def runs(self) -> bool:
-        """Whether anything would run that isn't ours: not where there is no such file or module."""
+        """True if anything would run that isn't ours: not if there is no such file or module."""
         if self.file is not None:
             return os.path.isfile(self.folder / self.file)
         top = self.module.partition(".")[0]
         return not self.module.startswith(_OWN) and (top in sys.modules or _found(top) is not None)
 
     def files(self) -> tuple[Path, ...]:
-        """All that would run, as far as it can be told without running it; the file itself comes first.
+        """All that would run, as far as is known without running it; the file itself comes first.
 
         That are, beside and below a Python file, those whose names it or they mention, compiled ones as well; of a
         module in a package, the whole package; nothing of a module that is part of Python's own program.
@@ -95,7 +95,7 @@ class NamedCode:
         return getattr(loaded, self.name)
 
     def place(self) -> str:
-        """Where it is, for a sentence: path, size and hash, and what lies beside it."""
+        """Place of the code, for a sentence: path, size and hash, and what lies beside it."""
         files = self.files()
         if not files:
             return f"module '{self.module}'"
@@ -120,7 +120,7 @@ class NamedCode:
 
 
 def request(where: str, said: bytes, codes: Sequence[NamedCode]) -> Request | None:
-    """What a file's code needs before it runs; None where nothing runs that isn't ours.
+    """Request to run a file's code; None if nothing runs that isn't ours.
 
     Args:
         where: The file, for the sentence.
@@ -201,7 +201,7 @@ def _no_compiled_copies() -> Generator[None]:
 
 
 def _found(module: str) -> ModuleSpec | None:
-    """Where a top-level module is, without importing it."""
+    """Finds a top-level module without importing it."""
     for finder in sys.meta_path:
         find = getattr(finder, "find_spec", None)
         try:
@@ -214,7 +214,7 @@ def _found(module: str) -> ModuleSpec | None:
 
 
 def _is_installed(spec: ModuleSpec) -> bool:
-    """Whether a module is part of Python or was installed, rather than lying in a folder of somebody's."""
+    """True if a module is part of Python or was installed, rather than lying in a folder of somebody's."""
     places = spec.submodule_search_locations or ([] if spec.origin is None else [spec.origin])
     folders = [Path(sysconfig.get_path(name)).resolve() for name in ("stdlib", "platstdlib", "purelib", "platlib")]
     return all(any(Path(place).resolve().is_relative_to(folder) for folder in folders) for place in places)

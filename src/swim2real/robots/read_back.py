@@ -1,4 +1,4 @@
-"""Whether the compiled model has what a parameter writes, read back at both bounds; and what undoes it where it hasn't.
+"""Parameters read back from the compiled model at both bounds, and the settings that undo them.
 
 A number has arrived where that of its element changes by as much; or any, where the model has none of this name. The
 mass or density of a geom is in its body: mass, moments and inertia about the body's origin must be linear in it. Which
@@ -13,15 +13,13 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from swim2real.parameters import Parameter
 from swim2real.robots.compiled import REFUSALS
 from swim2real.robots.robot import Robot
 from swim2real.robots.targets import Selection
+from swimbase.arrays import Array
 from swimbase.errors import RobotError
-
-Array = NDArray[np.float64]
 
 _FACTORS = (1.0, -1.0, np.pi / 180)  # by which a number is written: as it is, against its sign by a servo, in degrees
 _EXACT, _LINEAR = 1e-9, 1e-4  # relative
@@ -43,7 +41,7 @@ def check_targets(robot: Robot) -> None:
 
 
 def undone(robot: Robot, parameter: Parameter) -> str | None:
-    """What the compiled model doesn't have as a parameter writes it, in a sentence with the cause; None where it has.
+    """Number that the compiled model has otherwise than a parameter writes it, in a sentence with the cause; else None.
 
     Nothing is said of what doesn't compile, changes nothing, or is transformed without a setting of the model.
     """
@@ -62,7 +60,7 @@ def undone(robot: Robot, parameter: Parameter) -> str | None:
 
 @dataclass(frozen=True)
 class _Setting:
-    """What is set otherwise than MuJoCo has it, in one of the `_owners` of a number."""
+    """Setting other than MuJoCo's default, in one of the `_owners` of a number."""
 
     owner: int
     who: str
@@ -101,7 +99,7 @@ class _Place:
         self._states: dict[tuple[float, int | None, tuple[str, ...]], list[Array] | None] = {}
 
     def arrives(self, number: int, without: Sequence[_Setting] = ()) -> bool | None:
-        """Whether the model has a number as written, without some settings; None where it doesn't compile."""
+        """True if the model has a number as written, without some settings; None if it doesn't compile."""
         shares = (0.0, 1.0, _FAR) if self.massive else (0.0, 1.0)
         states = [self._state(share, number, without) for share in shares]
         if any(state is None for state in states):
@@ -123,7 +121,7 @@ class _Place:
         return bool(abs(change[0] - in_all) <= _LINEAR * abs(in_all))
 
     def moves(self, number: int) -> bool:
-        """Whether a number changes anything of its element or body."""
+        """True if a number changes anything of its element or body."""
         start, end = (self._state(share, number) for share in (0.0, 1.0))
         return start is not None and end is not None and not np.array_equal(start[number], end[number], equal_nan=True)
 
@@ -143,7 +141,7 @@ class _Place:
         return " and ".join(map(str, found))
 
     def _state(self, share: float, number: int, without: Sequence[_Setting] = ()) -> list[Array] | None:
-        """What the compiled model has at each number, that far between the bounds; None where it doesn't compile."""
+        """Values of the compiled model at each number, that far between the bounds; None if it doesn't compile."""
         key = (share, number if without else None, tuple(map(str, without)))
         if key not in self._states:
             self._states[key] = self._made(*key[:2], without)
@@ -175,7 +173,7 @@ class _Place:
         return numbers.get(self._selection.attribute, np.concatenate(list(numbers.values())))
 
     def _settings(self, number: int) -> Iterator[_Setting]:
-        """What is set otherwise than MuJoCo has it, of the compiler, a number's element and its body."""
+        """Settings other than MuJoCo's defaults, of the compiler, a number's element and its body."""
         spec, plain, kind = self._robot.build(self._robot.space.published), mujoco.MjSpec(), self._selection.kind
         element, body = self._selection.elements(spec)[number][1], plain.worldbody.add_body()
         add = getattr(body if hasattr(body, f"add_{kind}") else plain, f"add_{kind}", lambda: spec.option)
@@ -192,7 +190,7 @@ class _Place:
 
 
 def _owners(spec: mujoco.MjSpec, element: Any) -> list[Any]:
-    """What may undo a number: the compiler, the number's element, and the body of a geom."""
+    """Owners of settings that may undo a number: the compiler, the number's element, and the body of a geom."""
     return [spec.compiler, element, *([element.parent] if isinstance(element, mujoco.MjsGeom) else [])]
 
 

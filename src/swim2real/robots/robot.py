@@ -1,4 +1,4 @@
-"""What a robot tells the rest of swim2real about itself."""
+"""Description of a robot, from which the rest of swim2real takes all that it knows about one."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _EITHER = "at rest or where their first stretch fits best, whichever suits them,
 
 
 class Response(Protocol):
-    """How a robot's swimming responds to its parameters, roughly, as measured over its whole box."""
+    """Rough response of a robot's swimming to its parameters, as measured over its whole box."""
 
     @property
     def lengths(self) -> NDArray[np.float64]:
@@ -66,7 +66,7 @@ class FitStage:
         parameters: Their names.
         share: Share of the evaluations, relative to the other stages.
         together: Whether all have one place in their ranges and a scan along it, or each its own and a search.
-        score: What is minimized, a function of the evidence of an evaluation; NaN where it can't be told. None is the
+        score: What is minimized, a function of the evidence of an evaluation; NaN where it is unknown. None is the
             loss.
     """
 
@@ -79,7 +79,7 @@ class FitStage:
 
 @dataclass(frozen=True)
 class FitPlan:
-    """How a person would fit a robot step by step, for the method of stages.
+    """Steps by which a person would fit a robot, for the method of stages.
 
     Attributes:
         stages: In order.
@@ -187,7 +187,7 @@ class Trials:
         return replace(trial, sensors=Signals(read.times, read.names, values)) if periods else trial, periods
 
     def summary(self, marker_names: tuple[str, ...]) -> str:
-        """What a trial is, in a sentence."""
+        """Description of a trial, in a sentence."""
         starts = {
             "rest": "at rest",
             "markers": "where the markers are",
@@ -241,7 +241,7 @@ class SteadySwims(Trials):
 
 @dataclass(frozen=True)
 class CommandLimits:
-    """How a policy commands an actuator: an action, from -1 to 1, is the rate at which the command changes.
+    """Limits of a policy's commands: an action, from -1 to 1, is the rate at which an actuator's command changes.
 
     Attributes:
         lower: Least command [unit].
@@ -258,7 +258,7 @@ class CommandLimits:
 
 @dataclass(frozen=True)
 class PolicySetup:
-    """What a policy of a robot commands and sees.
+    """Commands and observations of a robot's policies.
 
     Attributes:
         actuators: Limits of each actuator's command, by its name.
@@ -389,7 +389,7 @@ class Robot:
 
     @property
     def swims(self) -> SteadySwims:
-        """What is known of the steady swims of a robot.
+        """Steady swims of a robot.
 
         Raises:
             ArgumentError: Its trials are recordings.
@@ -408,7 +408,7 @@ class Robot:
 
     @property
     def recordings(self) -> Trials:
-        """What a trial is, of a robot whose trials are recordings.
+        """Trials of a robot whose trials are recordings.
 
         Raises:
             ArgumentError: They are steady swims.

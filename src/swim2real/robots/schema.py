@@ -1,4 +1,4 @@
-"""What a robot file may say: its tables as pydantic models. The keys are explained in docs/robot-file.md.
+"""Schema of a robot file: its tables as pydantic models. The keys are explained in docs/robot-file.md.
 
 ```
 format = 1
@@ -45,7 +45,7 @@ A file that says `extends = "OTHER.toml"` takes over what it doesn't say itself,
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -77,12 +77,9 @@ def _rising(limits: list[float]) -> list[float]:
     return limits
 
 
-def _site(value: Any) -> Any:
-    return {"site": value} if isinstance(value, str) else value
-
-
-def _line(value: Any) -> Any:
-    return {"to": value} if isinstance(value, str) else value
+def _table_of(key: str) -> Callable[[Any], Any]:
+    """Makes a table with this key of a text that stands for it alone."""
+    return lambda value: {key: value} if isinstance(value, str) else value
 
 
 def _lines(value: Any) -> Any:
@@ -179,7 +176,7 @@ class SwimsTable(_Table):
 
 
 class CommandTable(_Table):
-    """How a policy commands an actuator."""
+    """Commands of a policy to an actuator."""
 
     lower: float
     upper: float
@@ -233,7 +230,7 @@ class ParameterTable(_Table):
     meaning: Text
     value: float | None = None
     targets: Annotated[
-        list[Annotated[TargetTable, BeforeValidator(_line)]], Field(min_length=1), BeforeValidator(_lines)
+        list[Annotated[TargetTable, BeforeValidator(_table_of("to"))]], Field(min_length=1), BeforeValidator(_lines)
     ]
 
 
@@ -245,7 +242,7 @@ class RobotTable(_Table):
     description: Text
     model: Text
     camera: Literal["above", "side", "front"] = "above"
-    markers: list[Annotated[MarkerTable, BeforeValidator(_site)]] = []
+    markers: list[Annotated[MarkerTable, BeforeValidator(_table_of("site"))]] = []
     links: list[Pair] | None = None
     recordings: RecordingsTable | None = None
     swims: SwimsTable | None = None
@@ -273,7 +270,7 @@ class RobotTable(_Table):
 
 
 def read_content(path: Path, extended_by: tuple[Path, ...] = ()) -> dict[str, Any]:
-    """What a robot file says and takes over from others, whose places are given from this file; not yet checked.
+    """Reads a robot file and those that it includes, with their places as seen from this file; not yet checked.
 
     Raises:
         RobotError: It or one of them can't be read, they go round in circles, or the format is another version's.
@@ -330,7 +327,7 @@ def _read_toml(path: Path) -> dict[str, Any]:
 
 
 def _moved(content: Mapping[str, Any], folder: Path) -> dict[str, Any]:
-    """What a file says, with the places that it names seen from another folder."""
+    """Content of a file, with the places that it names seen from another folder."""
 
     def moved(value: Any) -> Any:
         file = hook_file(value)

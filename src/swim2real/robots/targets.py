@@ -1,4 +1,4 @@
-"""What a parameter sets: numbers of MJCF elements, named in a line such as `geom "fin" fluidcoef[2]`, and delays.
+"""Targets of parameters: numbers of MJCF elements, named in a line such as `geom "fin" fluidcoef[2]`, and delays.
 
     option density                  of the model as a whole
     joint "hip" damping             of one element
@@ -55,7 +55,7 @@ NOT_NEGATIVE = frozenset({
 
 
 @dataclass(frozen=True)
-class Attribute:
+class _Attribute:
     """Numbers of an element that can be read and written.
 
     Attributes:
@@ -129,7 +129,7 @@ class Selection:
             selected |= dict(matching)
         return list(selected.items())
 
-    def numbers(self, spec: mujoco.MjSpec) -> list[tuple[Attribute, int]]:
+    def numbers(self, spec: mujoco.MjSpec) -> list[tuple[_Attribute, int]]:
         """The numbers of a model that are selected, each with its index.
 
         Raises:
@@ -141,7 +141,7 @@ class Selection:
         """An element as a message names it."""
         return "option" if self.kind == "option" else f"{self.kind} '{element.name}'"
 
-    def _number(self, element: Any) -> tuple[Attribute, int]:
+    def _number(self, element: Any) -> tuple[_Attribute, int]:
         who, name, index = self.label(element), self.attribute, self.index
         numbers = attribute(element, name)
         if numbers is None:
@@ -182,7 +182,7 @@ class Target:
     relative: bool = False
 
     def __str__(self) -> str:
-        """What is set to what, x being the value."""
+        """Assignment in words, x being the value."""
         times = "x" if self.factor == 1 else f"{self.factor:g} x"
         number = times + (f" {self.offset:+g}".replace("+", "+ ").replace("-", "- ") if self.offset else "")
         if self.relative:
@@ -241,7 +241,7 @@ _DELAY = re.compile(r'\s*(?P<kind>control|sensor|trial)\s+(?P<names>"[^"]*"(?:\s
 
 @dataclass(frozen=True)
 class Delay:
-    """What a parameter delays.
+    """Delays that a parameter sets.
 
     Attributes:
         line: The line of the robot file.
@@ -297,7 +297,7 @@ class Delay:
                 raise RobotError(f"'{self.line}': recordings have no {self.kind} '{name}'; there are {there}")
 
     def of(self, kind: _Kind, name: str) -> bool:
-        """Whether it delays something."""
+        """True if it delays something."""
         return kind == self.kind and any(_matches(name, pattern) for pattern in self.names)
 
 
@@ -327,7 +327,7 @@ class Delays:
         return [seconds for delay, seconds in self._set if delay.of(kind, name)]
 
 
-def attribute(element: Any, name: str) -> Attribute | None:
+def attribute(element: Any, name: str) -> _Attribute | None:
     """The numbers of an element under an MJCF name; None where it has none of this name."""
     if name in ("kp", "kv") and hasattr(element, "gainprm"):
         return _servo_gain(element, name)
@@ -336,13 +336,13 @@ def attribute(element: Any, name: str) -> Attribute | None:
         return None
     value = getattr(element, attr)
     if isinstance(value, float):
-        return Attribute(None, lambda _: float(getattr(element, attr)), lambda _, x: setattr(element, attr, x))
+        return _Attribute(None, lambda _: float(getattr(element, attr)), lambda _, x: setattr(element, attr, x))
 
     def write(index: int, number: float) -> None:
         getattr(element, attr)[index] = number
 
     size = None if name in _POLYNOMIALS else len(value)
-    return Attribute(size, lambda index: float(getattr(element, attr)[index]), write)
+    return _Attribute(size, lambda index: float(getattr(element, attr)[index]), write)
 
 
 def attribute_names(element: Any) -> tuple[str, ...]:
@@ -376,7 +376,7 @@ def _is_numeric(element: Any, attr: str) -> bool:
     return isinstance(value, np.ndarray) and value.dtype == np.float64 and value.ndim == 1 and value.size > 0
 
 
-def _servo_gain(actuator: Any, name: str) -> Attribute | None:
+def _servo_gain(actuator: Any, name: str) -> _Attribute | None:
     """`kp` and `kv` of a position or velocity servo; None for an actuator that is neither."""
     if actuator.gaintype != mujoco.mjtGain.mjGAIN_FIXED or actuator.biastype != mujoco.mjtBias.mjBIAS_AFFINE:
         return None
@@ -397,7 +397,7 @@ def _servo_gain(actuator: Any, name: str) -> Attribute | None:
             actuator.gainprm[0] = number
         actuator.biasprm[place] = -number
 
-    return Attribute(None, read, write)
+    return _Attribute(None, read, write)
 
 
 def _matches(name: str, pattern: str) -> bool:

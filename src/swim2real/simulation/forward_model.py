@@ -1,4 +1,4 @@
-"""What the simulators of a robot have in common: their methods, the engine behind them, and several threads.
+"""Methods that all simulators of a robot share, the engine behind them, and several threads.
 
 From MuJoCo 3.14 on, the lift of thin ellipsoids differs, so parameters calibrated on one side of it aren't valid on
 the other. Version numbers alone would hide a next such change: an engine's fingerprint is the fluid force itself.
@@ -127,7 +127,7 @@ def model_of(robot: Robot, values: Values) -> mujoco.MjModel | str:
 
 
 def thread_count(threads: int | None) -> int:
-    """How many to use; the number of cores for None.
+    """Number of threads to use; the number of cores for None.
 
     Raises:
         EngineError: Fewer than one.

@@ -10,7 +10,6 @@ from itertools import pairwise
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from markertrack.track import MarkerTrack
 from swim2real.parameters import Values
@@ -39,9 +38,8 @@ from swim2real.simulation.start import (
 from swim2real.simulation.stepper import physics_state, roll, roll_each
 from swim2real.trials import Signals, Trial, TrialSet
 from swim2real.trials.signals import MEMORY
+from swimbase.arrays import Array
 from swimbase.errors import EngineError, TrialError, about
-
-Array = NDArray[np.float64]
 
 _ROUNDING = 1e-9  # s
 
@@ -225,13 +223,13 @@ class PlaybackSimulator:
         return markers, readings
 
     def _read(self, sensor: Sensor, sensors: Array, step: float, times: Array) -> Array:
-        """What a sensor reads at times of a simulation [unit]. Shapes (N, nsensordata) and (R,)."""
+        """Readings of a sensor at times of a simulation [unit]. Shapes (N, nsensordata) and (R,)."""
         return sensor.factor * sampled(sensors[:, [self._addresses[sensor.name]]], step, times)[:, 0]
 
     def begin(
         self, model: mujoco.MjModel, rollout: Rollout, values: Values | None = None
     ) -> tuple[mujoco.MjData, Array]:
-        """Where a playback begins, and the controls of its every step.
+        """State at the beginning of a playback, and the controls of its every step.
 
         Args:
             model: Compiled with these values.
@@ -279,13 +277,13 @@ class PlaybackSimulator:
         return remembered(model, data, commands(model, self._about.controls, whole, times, delays), known)
 
     def _late(self, delays: Delays, trial: Trial) -> dict[str, float]:
-        """How old the readings of a trial's sensors are [s]."""
+        """Ages of the readings of a trial's sensors [s]."""
         return {name: delays.sensor(name, trial.name) for name in self._addresses}
 
     def _guess(
         self, fit: PoseFit, model: mujoco.MjModel, data: mujoco.MjData, rollout: Rollout, stretch: Stretch
     ) -> JointState:
-        """Where a fit of the start begins: where the markers are; without any, where joint sensors say."""
+        """Initial guess of a fit of the start: the markers' places; without any, the joint sensors' readings."""
         if rollout.first is None or rollout.guess is None:
             return sensed_start(model, (data.qpos.copy(), data.qvel.copy(), data.act.copy()), stretch)
         qpos = fit.pose(rollout.first.places, rollout.first.known, rollout.guess).qpos
@@ -374,7 +372,7 @@ def sampled(values: Array, interval: float, times: Array) -> Array:
 
 
 def sensor_address(model: mujoco.MjModel, name: str) -> int:
-    """Where a sensor's number is among all; `NAME[I]` is one number of a vector."""
+    """Index of a sensor's number among all; `NAME[I]` is one number of a vector."""
     base, _, rest = name.partition("[")
     sensors = {model.sensor(i).name: model.sensor(i) for i in range(model.nsensor)}
     if base not in sensors:

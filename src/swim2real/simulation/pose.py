@@ -6,9 +6,8 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from swimbase.arrays import Array, Mask
 
 
 @dataclass(frozen=True)
@@ -44,7 +43,7 @@ class MarkerView:
         self._objects = [(int(model.sensor_objtype[i]), int(model.sensor_objid[i])) for i in last]
 
     def at(self, qpos: Array) -> _View:
-        """What is seen in a pose. Shape (nq,)."""
+        """Sees the markers in a pose. Shape (nq,)."""
         model, data = self._model, self._data
         data.qpos[:] = qpos
         mujoco.mj_fwdPosition(model, data)
@@ -85,8 +84,6 @@ class MarkerView:
             case _:
                 return data.xpos[index], index
 
-
-Mask = NDArray[np.bool_]
 
 SCALAR = (int(mujoco.mjtJoint.mjJNT_SLIDE), int(mujoco.mjtJoint.mjJNT_HINGE))  # joints of one coordinate
 _PULL = 1e-6  # toward the model's own pose, relative to the markers' pull: for what they don't show
@@ -189,7 +186,7 @@ class PoseFit:
         return best
 
     def _problem(self, qpos: Array, view: _View, wanted: Array, known: Mask, pull: float) -> tuple[Array, Array]:
-        """What is to vanish, and its slopes: misses of markers, gaps of constraints, the way from the model's pose."""
+        """Residual, and its slopes: misses of markers, gaps of constraints, the way from the model's pose."""
         away = np.zeros(self._model.nv)
         mujoco.mj_differentiatePos(self._model, away, 1.0, self._model.qpos0, qpos)
         missed = (view.markers - wanted)[known].ravel()

@@ -10,7 +10,6 @@ from typing import Literal, get_args
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from fluidstep.step import FastStep, disagreement
@@ -21,9 +20,9 @@ from swim2real.robots.robot import Robot
 from swim2real.simulation.forward_model import Engine, all_of, model_of, thread_count
 from swim2real.simulation.stepper import Chunk, Stepper
 from swim2real.trials import Actuation, Trial, TrialSet
+from swimbase.arrays import Array
 from swimbase.errors import EngineError
 
-Array = NDArray[np.float64]
 SimulationStep = Literal["auto", "fast", "engine"]
 _AGREEMENT = 1e-10  # of one step's velocities with the engine's own, relative
 

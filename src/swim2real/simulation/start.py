@@ -1,4 +1,4 @@
-"""How a recording starts: at rest, in a keyframe, as its trial says, as its first frames show, or as a fit finds.
+"""Start of a recording: at rest, in a keyframe, as its trial says, as its first frames show, or as a fit finds.
 
 A fit finds the state whose simulation meets the first stretch best. Pose and velocities are then unknowns of the
 playback, found anew for each candidate by a few Levenberg-Marquardt steps. They begin where the first frames, or joint
@@ -15,16 +15,13 @@ from functools import cached_property
 import mujoco
 import numpy as np
 from mujoco import rollout
-from numpy.typing import NDArray
 
 from swim2real.robots.robot import Sensor, Trials
 from swim2real.simulation.pose import SCALAR, PoseFit
 from swim2real.simulation.stepper import PHYSICS, physics_state
 from swim2real.trials import Trial
+from swimbase.arrays import Array, Mask
 from swimbase.errors import EngineError, TrialError
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 WINDOW = 0.1  # s of first frames that show how a recording starts
 _FRAMES = 5  # at least
@@ -34,11 +31,11 @@ _UNMOVED = 1e12  # kg or kg·m²: inertia of a joint that commands don't move
 _CHANGE = 1e-3  # of an activation, at least, to see what is left of it
 REST, MARKERS, FITTED = "rest", "markers", "fitted"
 STARTS = (REST, MARKERS, FITTED)
-"""What a start may be, beside a keyframe."""
+"""Starts by name, beside a keyframe's."""
 
 
 class FirstFrames:
-    """What the first frames of a track show: where each marker starts and how fast, by a straight line through them.
+    """Start and velocity of each marker in the first frames of a track, by a straight line through them.
 
     Attributes:
         times: Times of the frames since the first one [s]. Shape (K,).
@@ -265,7 +262,7 @@ def nearest(readings: Array, to: Array, period: float) -> Array:
 
 @dataclass(frozen=True)
 class Stretch:
-    """What a start is fitted to.
+    """Stretch of a recording that a start is fitted to.
 
     Attributes:
         times: Times of the frames since the first one [s]. Shape (K,).
@@ -313,7 +310,7 @@ class Stretch:
 
     @property
     def seconds(self) -> float:
-        """How long it is [s]."""
+        """Length [s]."""
         return float(self.times[-1])
 
     @cached_property
@@ -329,7 +326,7 @@ class Stretch:
         return float(np.where(self.weights[:2] > 0, ways, 0.0).max(initial=0.0))
 
     def residual(self, positions: Array, readings: Sequence[Array]) -> Array:
-        """What a start is to make small, such that the squares add up to mean squares [m].
+        """Residual that a start is to make small, such that the squares add up to mean squares [m].
 
         Args:
             positions: Simulated markers. Shape (K, M, 2).

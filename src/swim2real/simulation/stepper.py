@@ -7,13 +7,11 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 from mujoco import rollout
-from numpy.typing import NDArray
 
 from fluidstep.engine import log_warnings
 from fluidstep.step import FastStep
 from swim2real.robots.robot import Robot
-
-Array = NDArray[np.float64]
+from swimbase.arrays import Array
 
 PHYSICS = mujoco.mjtState.mjSTATE_FULLPHYSICS
 """Time, positions, velocities and all else that the engine remembers."""
@@ -86,7 +84,7 @@ def roll_each(model: mujoco.MjModel, starts: Array, controls: Array) -> list[Arr
 
 @dataclass(frozen=True)
 class Chunk:
-    """What a stretch of simulation gave.
+    """Results of a stretch of simulation.
 
     Where the simulation failed, the fast step ends the arrays and the engine repeats its last state.
 
@@ -145,7 +143,7 @@ class Stepper:
 
     @property
     def state(self) -> Array:
-        """Where the last chunk ended, as `physics_state` has it."""
+        """State at the end of the last chunk, as `physics_state` has it."""
         return physics_state(self._model, self._data)
 
     def push(self, velocity: Array) -> None:

@@ -30,7 +30,7 @@ _DECIMALS = 9  # so that a processor's last digits don't reach the simulation, w
 
 @dataclass(frozen=True)
 class Beat:
-    """What drove a real trial.
+    """Drive of a real trial.
 
     Attributes:
         frequency: Frequency of the tail's beat, one turn of the motor [Hz].
@@ -100,7 +100,7 @@ def identify_beat(track: MarkerTrack, tail_markers: tuple[int, ...], quality: Tr
     if frequency < (1 + 1e-3) * lowest:
         raise TrialError(
             f"{where}no whole beat: in {span:.2f} s the tail moves more slowly than the {lowest:.2f} Hz that can be "
-            f"told; give a longer trial"
+            f"measured; give a longer trial"
         )
     frequency_std = _frequency_std(times, signals, frequency)
     t, y = signals[-1]

@@ -12,11 +12,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from swim2real.formatting import listed
 from swim2real.trials.text_table import TextTable, read_table
 from swim2real.trials.units import factor, kind_of, unit_of_header, without_unit
+from swimbase.arrays import Array
 from swimbase.checking import did_you_mean
 from swimbase.errors import ArgumentError, TrialError, about
 from swimbase.names import quoted
@@ -24,7 +24,6 @@ from swimbase.names import quoted
 if TYPE_CHECKING:
     import pandas as pd
 
-Array = NDArray[np.float64]
 
 _TIMES = ("time", "t", "timestamp", "stamp")
 _GAP = 5.0  # usual steps from one row to the next, that make a gap

@@ -11,13 +11,12 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from markertrack.track import MarkerTrack
 from swim2real.trials.text_table import TextTable, read_table, write_table
+from swimbase.arrays import Array
 from swimbase.errors import TrialError
 
-Array = NDArray[np.float64]
 Markers = dict[str, Array]
 """Cells x, y and likelihood of each marker, infinite where there is no such column. Shape (T, 3)."""
 

@@ -51,7 +51,7 @@ class _Open(BaseModel, extra="allow"):
         return self
 
 
-class TrialEntry(_Open):
+class _TrialEntry(_Open):
     """Entry of a trial in the index of a reference folder. Other keys are kept as they are.
 
     Attributes:
@@ -105,7 +105,7 @@ class Index(_Open):
 
     format: Literal[1]
     markers: list[Label]
-    trials: list[TrialEntry] = Field(min_length=1)
+    trials: list[_TrialEntry] = Field(min_length=1)
 
 
 def load_reference(folder: str | Path) -> TrialSet:
@@ -154,7 +154,7 @@ def _films(what: str, films: Sequence[Path]) -> str:
 def _unfilmed(folder: Path, name: str) -> Trial:
     """A trial of nothing but tables of sensors and, where there is one, of controls."""
     controls = f"{name}{_CONTROLS}" if (folder / f"{name}{_CONTROLS}").is_file() else None
-    return _load_trial(folder, TrialEntry(name=name, controls=controls, sensors=f"{name}{_SENSORS}"), [])
+    return _load_trial(folder, _TrialEntry(name=name, controls=controls, sensors=f"{name}{_SENSORS}"), [])
 
 
 def save_reference(trials: TrialSet, folder: str | Path) -> None:
@@ -224,7 +224,7 @@ def add_trial(folder: str | Path, trial: Trial, marker_names: tuple[str, ...]) -
         _write_index(path, marker_names, entries)
 
 
-def _entries(path: Path, marker_names: tuple[str, ...], table: str) -> list[TrialEntry]:
+def _entries(path: Path, marker_names: tuple[str, ...], table: str) -> list[_TrialEntry]:
     """Entries of the trials that a folder's index lists; none in a new folder."""
     if not (path / INDEX).is_file():
         others = sorted(other.name for other in path.glob("*.csv") if other.name != table)
@@ -241,7 +241,7 @@ def _entries(path: Path, marker_names: tuple[str, ...], table: str) -> list[Tria
     return index.trials
 
 
-def _check_files(entry: TrialEntry, entries: list[TrialEntry], path: Path) -> None:
+def _check_files(entry: _TrialEntry, entries: list[_TrialEntry], path: Path) -> None:
     """Checks that no other trial has a table of the same name."""
     ours = {file_key(table) for table in entry.files().values()}
     for other in entries:
@@ -250,7 +250,7 @@ def _check_files(entry: TrialEntry, entries: list[TrialEntry], path: Path) -> No
             raise TrialError(f"table '{shared[0]}' in '{path}' is trial '{other.name}'; choose another name")
 
 
-def _entry(trial: Trial, folder: Path) -> TrialEntry:
+def _entry(trial: Trial, folder: Path) -> _TrialEntry:
     """Entry of a trial for the index; keys of what it doesn't have aren't set."""
     optional: dict[str, Any] = {
         "table": f"{trial.name}.csv" if trial.track.marker_count else None,
@@ -259,7 +259,7 @@ def _entry(trial: Trial, folder: Path) -> TrialEntry:
         **{kind: f"{trial.name}.{kind}.csv" for kind in trial.signals},
         **{key: getattr(trial, key) for key in _KEPT},
     }
-    return TrialEntry(
+    return _TrialEntry(
         name=trial.name, nominal_frequency_hz=trial.nominal_frequency, fps=round(trial.fps, 6),
         **{key: getattr(trial, key) for key in _SAID}, **{key: value for key, value in optional.items() if value},
     )  # fmt: skip
@@ -269,7 +269,7 @@ def _read_index(path: Path) -> Index:
     return read(Index, path / INDEX, "reference", TrialError)
 
 
-def _write_index(path: Path, markers: tuple[str, ...], entries: list[TrialEntry]) -> None:
+def _write_index(path: Path, markers: tuple[str, ...], entries: list[_TrialEntry]) -> None:
     write_json(path / INDEX, Index(format=1, markers=list(markers), trials=entries).model_dump(exclude_unset=True))
 
 
@@ -278,7 +278,7 @@ def _load_folder(path: Path, index: Index) -> TrialSet:
     return TrialSet(trials, tuple(index.markers))
 
 
-def _load_trial(folder: Path, entry: TrialEntry, markers: list[str]) -> Trial:
+def _load_trial(folder: Path, entry: _TrialEntry, markers: list[str]) -> Trial:
     paths = {kind: _file(folder, entry, kind, name) for kind, name in entry.files(filmed=bool(markers)).items()}
     tables = {kind: read_signals(path) for kind, path in paths.items() if kind != "table"}
     table = paths["table" if markers else "sensors"]
@@ -307,7 +307,7 @@ def _read_track(table: Path, markers: list[str]) -> MarkerTrack:
         return MarkerTrack(rows[:, 0], cells[:, :, :2], np.nan_to_num(cells[:, :, 2]))
 
 
-def _file(folder: Path, entry: TrialEntry, kind: str, name: str) -> Path:
+def _file(folder: Path, entry: _TrialEntry, kind: str, name: str) -> Path:
     """Path of a trial's file, which must lie in the folder itself."""
     path = folder / name
     if not path.is_file() or path.parent != folder:

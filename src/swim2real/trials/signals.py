@@ -7,13 +7,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from swim2real.trials.text_table import read_table, write_table
+from swimbase.arrays import Array
 from swimbase.errors import TrialError, about
 from swimbase.names import label_fault, quoted
-
-Array = NDArray[np.float64]
 
 TIME = "time_s"  # header of the first column of a table
 _ROUNDING = 1e-9  # s

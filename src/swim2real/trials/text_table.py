@@ -15,14 +15,13 @@ from itertools import accumulate, groupby
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from swim2real.trials.units import kind_of, known_unit
+from swimbase.arrays import Array
 from swimbase.errors import TrialError
 from swimbase.names import quoted
 from swimbase.store import MOST_ROWS, MOST_TABLE, read_bytes, whole_file
 
-Array = NDArray[np.float64]
 Record = tuple[int, list[str], bool]
 """Its first line, its cells, and whether it is a comment."""
 
@@ -196,7 +195,7 @@ def _read_text(path: Path) -> str:
 def _encodings(content: bytes) -> Iterator[str]:
     """Encodings that a text may be in, the likeliest first.
 
-    Signs of Western Europe, such as ° and ü, stand alone among others: they tell charset-normalizer too little.
+    Signs of Western Europe, such as ° and ü, stand alone among others: they are too few for charset-normalizer.
     """
     if b"\0" not in content:
         yield "utf-8-sig"

@@ -11,7 +11,6 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 from scipy.spatial import ConvexHull, QhullError
 
@@ -20,6 +19,7 @@ from markertrack.video import VideoWriter
 from swim2real.viewing import offscreen
 from swim2real.viewing.motion import RATE, Motion
 from swim2real.viewing.scenery import LARGEST
+from swimbase.arrays import Array
 from swimbase.errors import ArgumentError
 from swimbase.store import write_arrays
 
@@ -31,8 +31,6 @@ _SHARPNESS = 2  # times as large as the picture, for smooth edges
 _DIRECTIONS = 48
 _HIDDEN_GROUP = 3  # from which on MuJoCo's viewer hides geometry
 _EDGE: Color = (70, 84, 98)
-
-Array = NDArray[np.float64]
 
 
 def write_film(motion: Motion, path: Path, camera: str, width: int) -> str:

@@ -1,4 +1,4 @@
-"""What is looked at: a simulated motion of a furnished model, its markers, and the real ones beside them."""
+"""Motion to look at: a simulated motion of a furnished model, its markers, and the real ones beside them."""
 
 from __future__ import annotations
 
@@ -20,9 +20,8 @@ from swim2real.simulation.playback import Rollout
 from swim2real.simulation.simulator import settling_turns
 from swim2real.simulation.stepper import Rolled, Stepper, roll
 from swim2real.viewing.scenery import ABOVE, SIDE, furnish
+from swimbase.arrays import Array
 from swimbase.errors import EngineError
-
-Array = NDArray[np.float64]
 
 RATE = 60.0  # Hz, of what is kept of a simulation
 _GENTLE = 0.3  # of what an actuator bears, where nobody says what drives a robot
@@ -143,7 +142,7 @@ def shown_model(path: Path, frequency: float, seconds: float) -> Motion:
 
 
 def _turns(model: mujoco.MjModel, actuator: int) -> bool:
-    """Whether an actuator without a range holds a speed."""
+    """True if an actuator without a range holds a speed."""
     servo = model.actuator(actuator)
     return bool(servo.biasprm[2] < 0 and servo.biasprm[1] == 0 and not servo.ctrllimited[0])
 

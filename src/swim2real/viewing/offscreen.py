@@ -12,10 +12,10 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from markertrack.drawing import INK, PAGE, Bytes, Canvas, Color, to_pillow
 from markertrack.video import VideoWriter
+from swimbase.arrays import Array
 
 MODEL, MOTION = "model.mjb", "motion.npz"
 SIMULATED: Color = (20, 89, 191)
@@ -24,11 +24,9 @@ SMALLER = 0.6  # of a simulated marker's radius: where both are in one place, bo
 NEAR = 1e-3  # m, nearer to the camera than which nothing is drawn
 _RADIUS, _TEXT = 0.01, 0.035  # of a picture's height: of a marker, and the size of the legend
 
-Array = NDArray[np.float64]
-
 
 class Lens:
-    """Where a camera of a model sees points."""
+    """Projection of points by a camera of a model."""
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, camera: str, size: tuple[int, int]) -> None:
         """Takes a camera, of which the data tell the place at any time.

@@ -9,10 +9,10 @@ import time
 import mujoco
 import mujoco.viewer
 import numpy as np
-from numpy.typing import NDArray
 
 from swim2real.viewing.motion import Motion
 from swim2real.viewing.offscreen import REAL, SIMULATED, SMALLER
+from swimbase.arrays import Array
 from swimbase.errors import ArgumentError
 
 KEYS = "space pauses, up and down change the speed, left and right step, [ and ] change the camera, Esc frees it"
@@ -22,11 +22,9 @@ _SLOWEST, _FASTEST = 1 / 16, 4.0
 _RADIUS = 0.013  # of the model's extent
 _BEFORE = 3.0  # times as far as the nearest that is drawn, where markers are that nothing is to hide
 
-Array = NDArray[np.float64]
-
 
 class _Player:
-    """Where a motion is, and what the keys do to it."""
+    """Place in a motion, and the keys that change it."""
 
     def __init__(self, duration: float) -> None:
         self.time, self.speed, self.paused = 0.0, 1.0, False
@@ -95,7 +93,7 @@ def open_window(motion: Motion, camera: str) -> None:
 
 
 def eye_of(camera: mujoco.MjvCamera, data: mujoco.MjData) -> Array:
-    """Where a camera is in the world [m]. Shape (3,)."""
+    """Place of a camera in the world [m]. Shape (3,)."""
     if camera.type == mujoco.mjtCamera.mjCAMERA_FIXED:
         return np.array(data.cam_xpos[camera.fixedcamid])
     turn, rise = np.radians([camera.azimuth, camera.elevation])

@@ -1,1 +1,1 @@
-"""What a VLM is told and shown at each round: data first, then words and media."""
+"""Briefing of a VLM at each round: data first, then words and media."""

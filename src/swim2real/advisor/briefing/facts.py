@@ -1,4 +1,4 @@
-"""What is known of an evaluation's trials, real and simulated, and what differs, as a person would ask.
+"""Facts about an evaluation's trials, real and simulated, and their differences, as a person would ask for them.
 
 What a trial doesn't have is None or empty: a beat with its frequency and phases, a way that it has come, windows of
 time, sensors. There are no kinds of trials here. None stands for what isn't known as well: a marker that was lost, a
@@ -30,7 +30,7 @@ _SLOW = 1e-3  # m/s, below which a speed has no ratio
 _LEAST_SPAN = 0.05  # of the logarithm of frequency, for an exponent
 _LEAST_TREND, _OFF_TREND = 3, 0.05  # other trials that make a trend, and a difference of speed ratios that leaves it
 _AT_BOUND = 0.01  # of a parameter's range
-_ENOUGH, _TENTH, _WORTH = 5, 0.1, 0.2  # evaluations; and shares: of an error, and of the largest that is told of
+_ENOUGH, _TENTH, _WORTH = 5, 0.1, 0.2  # evaluations; and shares: of an error, and of the largest that is reported
 _NEED_NO_SIMULATION = ("frequency", "left_out_share", "protocol", "horizon")
 _ERRORS = {"paper": "marker_errors", "motion": "motion_marker_errors"}  # of markers, by protocol
 
@@ -131,7 +131,7 @@ class TrialFacts:
 
     @cached_property
     def off(self) -> list[Known]:
-        """How far the markers are off in each window of time, on average over them [m]."""
+        """Error of the markers in each window of time, on average over them [m]."""
         places = [[marker.windows[w] for marker in self.markers] for w in range(len(self.edges) - 1)]
         return [mean(None if place is None else math.hypot(*place) for place in window) for window in places]
 
@@ -142,7 +142,7 @@ class TrialFacts:
 
     @property
     def halves(self) -> tuple[Known, Known]:
-        """How far the markers are off in the first and in the second half, on average [m]."""
+        """Errors of the markers in the first and in the second half, on average [m]."""
         half = len(self.off) // 2
         return mean(self.off[:half]), mean(self.off[half:])
 
@@ -161,7 +161,7 @@ class _EvaluationFacts:
 
     @classmethod
     def of(cls, evaluation: Evaluation, robot: Robot) -> _EvaluationFacts:
-        """What is known of an evaluation of a robot's simulator."""
+        """Collects the facts of an evaluation of a robot's simulator."""
         figures = FitFigures.model_validate(evaluation.detail or {})
         trials = [_trial(name, found, figures.protocol, robot) for name, found in figures.trials.items()]
         known = _without_simulation(figures) if evaluation.failed else figures
@@ -201,7 +201,7 @@ class _EvaluationFacts:
 
     @property
     def halves(self) -> tuple[Known, Known]:
-        """How far markers are off in the first and in the second half of a trial, on average [m]."""
+        """Errors of the markers in the first and in the second half of a trial, on average [m]."""
         first, second = zip(*(trial.halves for trial in self.trials), strict=True)
         return mean(first), mean(second)
 
@@ -228,7 +228,7 @@ class _EvaluationFacts:
 
     @property
     def has_head(self) -> bool:
-        """Whether the motion of the head is compared."""
+        """True if the motion of the head is compared."""
         return any("yaw_real" in trial.figures.model_fields_set for trial in self.trials)
 
     def mean_of(self, figure: str) -> Known:
@@ -253,7 +253,7 @@ class Axes:
 
 @dataclass(frozen=True)
 class RoundFacts:
-    """All that a VLM can be told at a round.
+    """Facts that a VLM may get at a round.
 
     Attributes:
         situation: Situation as an advisor gets it.
@@ -277,7 +277,7 @@ class RoundFacts:
 
     @property
     def beats(self) -> bool:
-        """Whether the robot's trials have a steady beat."""
+        """True if the robot's trials have a steady beat."""
         return self.robot.trials.steady
 
     @property
@@ -309,7 +309,7 @@ class RoundFacts:
 
     @property
     def drives(self) -> dict[str, list[str]]:
-        """What drives a playback in words, and the actuators that it drives."""
+        """Drives of a playback in words, and the actuators that each drives."""
         drives: dict[str, list[str]] = {}
         for actuator, drive in self.robot.trials.controls.items():
             drives.setdefault(_command(drive), []).append(actuator)
@@ -327,7 +327,7 @@ class RoundFacts:
         return {}
 
     def of(self, evaluation: Evaluation) -> _EvaluationFacts:
-        """What is known of one of the run's evaluations, made once."""
+        """Facts of one of the run's evaluations, collected once."""
         known = self._known.get(id(evaluation)) or _EvaluationFacts.of(evaluation, self.robot)
         return self._known.setdefault(id(evaluation), known)
 
@@ -347,7 +347,7 @@ class RoundFacts:
 
     @property
     def unmoved(self) -> list[str]:
-        """What no other evaluation had a tenth lower than the best one, with the lowest value [mm]."""
+        """Figures that no other evaluation had a tenth lower than the best one, with the lowest value [mm]."""
         others = [one for one in self.situation.evaluations if not one.failed and one is not self.situation.incumbent]
         if len(others) < _ENOUGH:
             return []
@@ -432,7 +432,8 @@ def _markers(found: TrialFigures, protocol: str, names: Sequence[str]) -> tuple[
         return [value if there else None for value, there in zip(values or unknown, seen, strict=True)]
 
     real, simulated = (of_seen(beat.amplitude if beat else size) for beat, size in zip(beats, sizes, strict=True))
-    phases = [of_seen([_degrees(phase) for phase in beat.phase] if beat else []) for beat in beats]
+    angles = [beat.phase if beat else [] for beat in beats]
+    phases = [of_seen([None if angle is None else math.degrees(angle) for angle in row]) for row in angles]
     said = [there and not diverged for there in seen]
     errors: Sequence[Known] = getattr(found, _ERRORS.get(protocol, "aligned_marker_errors")) or unknown
     windows = found.windows.markers if found.windows else []
@@ -446,7 +447,7 @@ def _markers(found: TrialFigures, protocol: str, names: Sequence[str]) -> tuple[
         markers.append(
             MarkerFacts(
                 name, errors[i] if said[i] else None, real[i], simulated[i], ratio,
-                _wrapped(after - before) if in_step and before is not None and after is not None else None,
+                (after - before + 180) % 360 - 180 if in_step and before is not None and after is not None else None,
                 _complete(found.offset[i]) if found.offset and said[i] else None,
                 (found.shape_marker_errors or unknown)[i] if said[i] else None,
                 [_complete(places[i]) for places in windows],
@@ -477,15 +478,6 @@ def _ratio(real: Known, simulated: Known, least: float, both: bool = False) -> K
     if real is None or simulated is None or real <= 0 or (min(real, simulated) if both else real) < least:
         return None
     return simulated / real
-
-
-def _degrees(angle: Known) -> Known:
-    return None if angle is None else 180 / math.pi * angle
-
-
-def _wrapped(degrees: float) -> float:
-    """An angle from -180 to 180 [deg]."""
-    return (degrees + 180) % 360 - 180
 
 
 def _complete(place: Sequence[Known]) -> Sequence[float] | None:

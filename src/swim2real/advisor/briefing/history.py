@@ -1,4 +1,4 @@
-"""What a run has evaluated: a block per finished round, which never changes, so that services need not read it anew."""
+"""History of a run: a block per finished round, which never changes, so that services need not read it anew."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def rounds_told(facts: RoundFacts, numbers: bool) -> list[str]:
 
     Args:
         facts: Facts of the round that begins.
-        numbers: Whether losses and what else was compared are told.
+        numbers: Whether losses and other comparisons are reported.
     """
     best, blocks = facts.situation.first, list[str]()
     for nth, finished in enumerate(facts.situation.rounds, start=1):
@@ -82,7 +82,9 @@ def _result(evaluation: Evaluation, kept: bool, facts: RoundFacts, numbers: bool
 def loss(evaluation: Evaluation, facts: RoundFacts) -> str:
     """An evaluation's loss, and what it is without the addition for going tail first."""
     if evaluation.failed:
-        return f"the simulation diverged ({_first_divergence(evaluation) or 'no reason on record'})"
+        trials = FitFigures.model_validate(evaluation.detail or {}).trials.items()
+        first = next((f"trial '{name}': {trial.divergence}" for name, trial in trials if trial.divergence), None)
+        return f"the simulation diverged ({first or 'no reason on record'})"
     alone = facts.of(evaluation).mean_of("loss")
     turned = alone is not None and evaluation.loss - alone > TAIL_FIRST_LOSS / 2
     without = f" [{mm(alone, 2)} without the {mm(TAIL_FIRST_LOSS, 0)}]" if turned else ""
@@ -90,7 +92,7 @@ def loss(evaluation: Evaluation, facts: RoundFacts) -> str:
 
 
 def effects(evaluation: Evaluation, facts: RoundFacts) -> str:
-    """What else an evaluation did, in few words after its loss; empty where nothing is known."""
+    """Other effects of an evaluation, in few words after its loss; empty if nothing is known."""
     if evaluation.failed:
         return ""
     known = facts.of(evaluation)
@@ -111,7 +113,7 @@ def effects(evaluation: Evaluation, facts: RoundFacts) -> str:
 
 
 def told_of_steps(facts: RoundFacts) -> str:
-    """What is told of an evaluation."""
+    """Describes an evaluation."""
     parts = ["its loss"]
     if facts.here.sensors:
         parts.append(f"{'what the markers have of it, ' if facts.here.markers else ''}the mean error of each sensor")
@@ -129,7 +131,7 @@ def told_of_steps(facts: RoundFacts) -> str:
 
 
 def changes(before: Evaluation, point: NDArray[np.float64], space: ParameterSpace, most: int) -> str:
-    """What differs at a point, the largest change first."""
+    """Differences of a point, the largest change first."""
     old, new = (_short_values(space, one) for one in (before.candidate.point, point))
     far = dict(zip(space.names, np.abs(before.candidate.point - point), strict=True))
     moved = [name for name in sorted(space.names, key=lambda name: -far[name]) if old[name] != new[name]]
@@ -144,14 +146,8 @@ def _short_values(space: ParameterSpace, point: NDArray[np.float64]) -> dict[str
     return {name: significant(value, _DIGITS) for name, value in space.to_values(point).items()}
 
 
-def _first_divergence(evaluation: Evaluation) -> str | None:
-    """What diverged first, in a sentence."""
-    trials = FitFigures.model_validate(evaluation.detail or {}).trials.items()
-    return next((f"trial '{name}': {trial.divergence}" for name, trial in trials if trial.divergence), None)
-
-
 def corrections(proposal: Proposal) -> list[str]:
-    """What its author should hear of."""
+    """Corrections that the author of a proposal should hear of."""
     lines: list[str] = []
     for name, said in _CORRECTED.items():
         found: Mapping[str, float] | Sequence[str] | None = proposal.notes.get(name)

@@ -1,4 +1,4 @@
-"""What is shown at a round: films for those who take them, sheets of pictures for the others."""
+"""Media shown at a round: films for those who take them, sheets of pictures for the others."""
 
 from __future__ import annotations
 

@@ -68,7 +68,7 @@ class TrialPromptBuilder:
         self._shown: Evaluation | None = None  # and with it
 
     def question(self, situation: Situation, level: int = 0) -> Request:
-        """What is asked in a situation.
+        """Request for a proposal in a situation.
 
         Args:
             situation: Situation of the run.
@@ -89,7 +89,7 @@ class TrialPromptBuilder:
         return Request(instructions, parts, self._schema, self._reply_tokens, len(told))
 
     def _media(self, situation: Situation, detail: Detail) -> tuple[Sequence[Media], Sequence[str]]:
-        """What is shown: all trials of the first point, of a later one the worst, and a full step that was rejected."""
+        """Media of a request: all trials of the first point, of a later one the worst, and a rejected full step."""
         key = (len(situation.rounds), len(situation.measurements))
         if key != self._asked:  # a question that is asked once more shows the same
             self._asked, self._before = key, self._shown
@@ -126,8 +126,8 @@ def describe(facts: RoundFacts, show: Show = "both", several: bool = False) -> t
 
     Args:
         facts: Facts of the round.
-        show: What it comes with. With pictures alone nothing is told that was measured or compared: what stays is the
-            robot, its parameters, and which proposals were accepted.
+        show: What it comes with. With pictures alone, nothing measured or compared is reported; what stays: the robot,
+            its parameters, and which proposals were accepted.
         several: Whether step sizes and alternatives are asked for.
 
     Returns:
@@ -162,10 +162,10 @@ def _environment() -> Environment:
     return environment
 
 
-def _without_blank_lines(text: str) -> str:
-    return "\n".join(line for line in text.splitlines() if line.strip())
-
-
 def _template(name: str) -> str:
     """A template's source, in which a line that ends in a backslash goes on in the next."""
     return (Path(__file__).parent / name).read_text(encoding="utf-8").replace("\\\n", "")
+
+
+def _without_blank_lines(text: str) -> str:
+    return "\n".join(filter(str.strip, text.splitlines()))

@@ -14,9 +14,9 @@ from swim2real.advisor.briefing.facts import MarkerFacts, RoundFacts, TrialFacts
 from swim2real.advisor.briefing.texts import NOTHING, degrees, mm, number, pair, reading, significant, span, table
 from swim2real.objective.figures import FIGURES
 
-_LARGE = 20e-3  # m: from here on differences are told in whole millimeters
+_LARGE = 20e-3  # m: from here on differences are reported in whole millimeters
 _GRID = 8  # trials that tables by marker and trial have
-_IN_TIME = 3  # trials whose differences are told window by window
+_IN_TIME = 3  # trials whose differences are reported window by window
 _SAID = {  # of figures with a column of their own, as who judges a fit by them needs it
     "progress_error": "how far the simulated robot is ahead or behind on average.",
     "shape_error": "what differs in the frame of the head, without the way that it has come.",
@@ -53,7 +53,7 @@ def values_told(facts: RoundFacts) -> str:
 
 
 def meanings(facts: RoundFacts) -> str:
-    """What the columns of the tables mean, those that need saying."""
+    """Meanings of the tables' columns, those that need saying."""
     columns = [*trial_columns(facts), *(head_columns() if facts.here.has_head else ())]
     columns += marker_columns(facts) if facts.here.markers else []
     return "\n".join(f"- {one.meaning}" for one in columns if one.meaning)
@@ -152,7 +152,7 @@ def marker_columns(facts: RoundFacts) -> list[Column]:
             "`phase`: simulated minus real; +10 means that the simulated marker is 10 deg of a beat ahead of the real "
             "one, -10 that it comes later."
         )
-        columns.append(Column("phase deg", _phase, said))
+        columns.append(Column("phase deg", lambda marker: number(marker.ahead, 0, signed=True), said))
     if any(marker.offset for marker in facts.here.markers):
         said = f"`offset`: by how much its mean place differs, simulated minus real: {facts.axes.directions}."
         columns.append(Column("offset mm", lambda m: pair(m.offset, 1), said))
@@ -177,12 +177,8 @@ def _ratio(marker: MarkerFacts) -> str:
     return number(marker.ratio, 2)
 
 
-def _phase(marker: MarkerFacts) -> str:
-    return number(marker.ahead, 0, signed=True)
-
-
 def worst_trials_in_time(trials: Sequence[TrialFacts]) -> list[TrialFacts]:
-    """The trials whose differences are told window by window."""
+    """Trials whose differences are reported window by window."""
     return [trial for trial in _worst_trials(trials, _IN_TIME) if trial.error is not None and trial.edges]
 
 

@@ -26,7 +26,7 @@ def degrees(angle: float | None, digits: int = 1, signed: bool = False) -> str:
 
 
 def reading(value: float | None, signed: bool = False) -> str:
-    """What a sensor reads, in its unit."""
+    """Quantity that a sensor reads, in its unit."""
     return number(value, None, signed=signed)
 
 

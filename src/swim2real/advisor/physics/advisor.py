@@ -10,7 +10,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import Bounds, minimize
 
 from swim2real.advisor.physics.model import (
@@ -31,9 +30,8 @@ from swim2real.optimizers import Evaluation, Proposal, Round, Situation
 from swim2real.optimizers.advisor import DECIMALS
 from swim2real.parameters import ParameterSpace
 from swim2real.robots.robot import Robot
+from swimbase.arrays import Array
 from swimbase.errors import ArgumentError
-
-Array = NDArray[np.float64]
 
 _CLOSE = 0.05  # relative difference that isn't worth a word
 _CAUTION, _BOLDER = 0.3, 0.3  # weight of the variance, and what a round without real progress makes of it
@@ -191,7 +189,7 @@ def _learned(speeds: Array, beats: Array, real: Swims, driven: Array) -> Feature
 
 
 def _diagnosis(figures: FitFigures) -> str:
-    """What differs between simulated and real swims: speed over frequency first, then the beat."""
+    """Difference between simulated and real swims: speed over frequency first, then the beat."""
     frequencies, real, simulated = _frequencies(figures), read_swims(figures, "real"), read_swims(figures, "simulated")
     order = np.argsort(frequencies)
     speeds = [

@@ -1,4 +1,4 @@
-"""What the advisor believes: features of a swim, what the simulator would do elsewhere, and the loss that follows.
+"""Beliefs of the advisor: features of a swim, what the simulator would do elsewhere, and the loss that follows.
 
 A swim is described by its forward speed, its direction and its beat, in the body frame or, where the whole motion is
 compared, in the frame of its path. Speeds are compared on a scale that is logarithmic for swimmers and linear around
@@ -24,8 +24,7 @@ from scipy.special import ndtr
 
 from swim2real.objective.figures import Beat, FitFigures
 from swim2real.parameters import ParameterSpace
-
-Array = NDArray[np.float64]
+from swimbase.arrays import Array
 
 SHARP = 0.02  # m in a beat, within which backward turns into forward
 BACKWARD_LOSS, DOUBT = 0.1, 0.3  # m for a trial that goes backward; deviation of a direction that seems sure
@@ -46,7 +45,7 @@ def to_speed_scale(speed: Array | float) -> Array:
     return np.arcsinh(np.asarray(speed, dtype=float) / SLOW)
 
 
-def from_speed_scale(value: Array) -> Array:
+def _from_speed_scale(value: Array) -> Array:
     """Speed [m/s] of a value on the advisor's scale."""
     return SLOW * np.sinh(value)
 
@@ -66,7 +65,7 @@ class Swims:
 
 
 class Features(NamedTuple):
-    """What is predicted of the swims at some points: of each trial its speed, direction and beat.
+    """Predicted features of the swims at some points: of each trial its speed, direction and beat.
 
     Attributes:
         speed: Speed on the advisor's scale. Shape (N, F).
@@ -214,7 +213,7 @@ class Surrogate:
 
 @dataclass(frozen=True)
 class Aim:
-    """What the real swims do, from which the loss of any other ones follows.
+    """Features of the real swims, from which the loss of any other ones follows.
 
     Attributes:
         speed: Real speeds [m/s]. Shape (F,).
@@ -240,7 +239,7 @@ class Aim:
         Returns:
             Shape (N,).
         """
-        simulated = from_speed_scale(speed)
+        simulated = _from_speed_scale(speed)
         # along the swimming axis: the difference grows with time
         instants = (np.arange(_INSTANTS) + 0.5) / _INSTANTS * self.horizon
         unsure = (simulated**2 + SLOW**2) * speed_variance
@@ -317,5 +316,5 @@ def mean_square(simulated: Array, real: Array, variance: Array | float = 0.0) ->
 
 
 def shape_floor(measured: Array, simulated: Array, real: Array) -> Array:
-    """What of the measured shape errors the beats leave unexplained [m]. Shape (F,)."""
+    """Part of the measured shape errors that the beats leave unexplained [m]. Shape (F,)."""
     return np.sqrt(np.maximum(measured**2 - mean_square(simulated, real), _LEAST_SHAPE**2))

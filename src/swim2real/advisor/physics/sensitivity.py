@@ -15,7 +15,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from swim2real.advisor.physics.model import reason
 from swim2real.formatting import listed
@@ -24,9 +23,8 @@ from swim2real.optimizers import Advice, Evaluation, Measurement, Proposal, Roun
 from swim2real.optimizers.advisor import DECIMALS
 from swim2real.optimizers.least_squares import box_step, updated
 from swim2real.parameters import ParameterSpace
+from swimbase.arrays import Array
 from swimbase.errors import AdvisorError
-
-Array = NDArray[np.float64]
 
 _TRUST_START, _TRUST_LEAST, _TRUST_MOST = 0.4, 1e-4, 1.0  # half width of the trusted box, in the unit cube
 _GROW, _SHRINK = 2.0, 0.5
@@ -59,7 +57,7 @@ class SensitivityAdvisor:
         self._space, self._seed = space, seed
 
     def propose(self, situation: Situation) -> Advice:
-        """What to measure before the next proposal, or the point that promises most within its trust."""
+        """Next measurement to make before a proposal, or the point that promises most within its trust."""
         incumbent = situation.incumbent
         if incumbent.failed:
             return self._elsewhere(situation)
@@ -124,7 +122,7 @@ class SensitivityAdvisor:
 
 
 def _gained(finished: Round) -> bool:
-    """Whether a round has lowered the loss by more than what old slopes give."""
+    """True if a round has lowered the loss by more than what old slopes give."""
     return finished.accepted and finished.steps[-1].evaluation.loss < (1 - _GAIN) * finished.incumbent.loss
 
 
@@ -164,7 +162,7 @@ def _measured_change(rounds: Sequence[Round]) -> float:
 
 @dataclass(frozen=True)
 class _Sensitivities:
-    """How the residual changes over each parameter's whole range, were it linear.
+    """Change of the residual over each parameter's whole range, were it linear.
 
     Attributes:
         gradients: Around the incumbent, as far as all evaluations have shown [m]. Shape (d, n).
@@ -199,7 +197,7 @@ def _residual_of(evaluation: Evaluation) -> Array:
     """Residual of a usable evaluation [m]. Shape (n,).
 
     Raises:
-        AdvisorError: The evaluation was told without its residual.
+        AdvisorError: The evaluation lacks its residual.
     """
     if evaluation.residual is None:
         raise AdvisorError("an evaluation has no residual, which measured sensitivities need; tell it with the loss")
@@ -234,7 +232,7 @@ def _learn_sensitivities(evaluations: Sequence[Evaluation]) -> _Sensitivities:
 
 
 def _weights(residual: Array) -> Array:
-    """What squares must be weighed by so that less of them is a lower loss, which is a mean of lengths. Shape (n,)."""
+    """Weights of squares such that less of them is a lower loss, which is a mean of lengths. Shape (n,)."""
     size = _ROBUST * float(np.sqrt(np.mean(residual**2))) + 1e-15
     return 1 / np.sqrt(residual**2 + size**2)
 
@@ -296,7 +294,7 @@ def _direction(row: Array) -> _Unidentified:
 def _diagnosis(
     space: ParameterSpace, place: Array, incumbent: Evaluation, effects: Array, unidentified: Sequence[_Unidentified]
 ) -> str:
-    """How far off the simulation is, and which parameters the trials identify.
+    """Error of the simulation, and the parameters that the trials identify.
 
     Args:
         space: On the scale of the place.
@@ -331,7 +329,7 @@ def _combination(space: ParameterSpace, place: Array, direction: _Unidentified) 
 
 
 def _kind(space: ParameterSpace, place: Array, direction: _Unidentified) -> str | None:
-    """What of two parameters stays the same along an unidentified direction; None if nothing simple does."""
+    """Combination of two parameters that is constant along an unidentified direction; None if nothing simple does."""
     members, there = list(direction.members), np.clip(place, _NUDGE, 1 - _NUDGE)
     slopes = space.to_array(there + _NUDGE) - space.to_array(there - _NUDGE)
     changes = slopes[members] * direction.changes
@@ -347,6 +345,6 @@ def _kind(space: ParameterSpace, place: Array, direction: _Unidentified) -> str 
 
 
 def _unlike(pair: Array) -> float:
-    """How many times as large one is as the other."""
+    """Ratio of the larger to the smaller."""
     small, large = np.sort(np.abs(pair))
     return float(large / small) if small > 0 else np.inf

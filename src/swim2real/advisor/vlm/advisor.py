@@ -30,7 +30,7 @@ EventKind = Literal["asks", "waits", "received", "answered", "unusable", "failed
 
 @dataclass(frozen=True)
 class AdvisorEvent:
-    """What a person wants to see while an advisor is asked.
+    """News for a person while an advisor is asked.
 
     Attributes:
         kind: `asks` when a call begins, `waits` while it lasts, `received` or `failed` when it ends; then `answered`

@@ -24,6 +24,7 @@ from urllib.parse import urlsplit
 
 from swim2real.advisor.vlm.exchange import Attempt, CallError, Finish, Reply, Request
 from swim2real.advisor.vlm.providers import PLACEHOLDER, PROVIDERS, check_installed, price, read_key, redact, send
+from swim2real.formatting import shortened
 from swim2real.settings import MediaKind, VlmAccess, split_vlm_name
 from swimbase.errors import ArgumentError
 
@@ -34,7 +35,6 @@ if TYPE_CHECKING:
 _FIRST_WAIT, _LONGEST_WAIT = 2.0, 60.0  # s, longest waits of our own choice: before the second attempt, and at all
 _LONGEST_REQUESTED_WAIT = 120.0  # s, that a server may ask for
 _VARIABLE = re.compile(r"[A-Z_][A-Z0-9_]{0,31}", re.IGNORECASE | re.ASCII)  # keys are longer, or have other characters
-_LONGEST_MESSAGE = 300  # characters of what a provider says
 _RETRIED = (408, 409, 425, 429)  # beside all from 500 on
 
 _TOO_LONG = re.compile(
@@ -156,10 +156,10 @@ class ModelClient:
                 response, model, with_schema = _run(sending)
                 finish = _finish_of(response)
             except AttemptError as error:
-                return self._redacted(error)
+                return AttemptError(error.kind, self._redact(error.reason))
             except Exception as error:
                 key_source = self._variables[0] if self._variables else "the key, which --key-variable names"
-                return self._redacted(classify_error(error, key_source, self._model))
+                return classify_error(error, key_source, self._model, self._quoted)
         notes = [self._redact(str(warning.message).split("\n")[0]) for warning in caught]
         if not with_schema:
             notes.append("asked for JSON in words, since the model or its server takes no schema")
@@ -190,8 +190,8 @@ class ModelClient:
                 sentence = f"'{self.name}' gave no reply in {count}, at last: {error.reason}"
                 return CallError("unreachable", f"{sentence}; check the network, or try again later", attempts)
 
-    def _redacted(self, error: AttemptError) -> AttemptError:
-        return AttemptError(error.kind, self._redact(error.reason), error.retry_after)
+    def _quoted(self, text: str) -> str:
+        return shortened(" ".join(self._redact(text).split()))
 
     def _redact(self, text: str) -> str:
         """Text without keys, and without what can't be written in UTF-8."""
@@ -253,7 +253,7 @@ def _run(work: Coroutine[Any, Any, T]) -> T:
 
 
 class AttemptError(Exception):
-    """What went wrong in one attempt.
+    """Failure of one attempt.
 
     Attributes:
         kind: `retry` may go better the next time, `schema` without the schema; the others are final.
@@ -267,41 +267,40 @@ class AttemptError(Exception):
         self.reason, self.retry_after = reason, retry_after
 
 
-def classify_error(error: Exception, key_source: str, model: str) -> AttemptError:
+def classify_error(error: Exception, key_source: str, model: str, shown: Callable[[str], str]) -> AttemptError:
     """Classifies an exception of pydantic-ai or of a library below it.
 
     Args:
         error: Exception of `providers.send`.
         key_source: Environment variable that holds the key, or what to do to have one.
         model: Model that was asked.
+        shown: A text of the provider as it may be repeated: short, and without keys.
     """
     from pydantic_ai import exceptions as known
 
     if isinstance(error, known.ModelHTTPError):
-        return _classify_status(error, key_source, model)
+        return _classify_status(error, key_source, model, shown)
     if isinstance(error, (known.ModelRequestTimeout, known.ModelTimeoutError)):
         return AttemptError("retry", "no answer in time")
     if isinstance(error, known.ModelConnectionError):
-        return AttemptError("retry", f"the connection failed ({_shorten(_root(error))})")
+        return AttemptError("retry", f"the connection failed ({shown(_root(error))})")
     if isinstance(error, known.UserError):
-        return AttemptError("settings", f"the request can't be made for '{model}' ({_shorten(str(error))})")
+        return AttemptError("settings", f"the request can't be made for '{model}' ({shown(str(error))})")
     if isinstance(error, known.ContentFilterError):
-        return AttemptError("blocked", _shorten(str(error)))
+        return AttemptError("blocked", shown(str(error)))
     status = getattr(error.__cause__, "code", None) or getattr(error.__cause__, "status_code", None)
     if isinstance(status, int) and 300 <= status < 400:
         return AttemptError("settings", f"the server sends to another address ({status}); check --base-url")
-    return AttemptError(
-        "retry", f"what came back isn't of the protocol ({type(error).__name__}: {_shorten(str(error))})"
-    )
+    return AttemptError("retry", f"what came back isn't of the protocol ({type(error).__name__}: {shown(str(error))})")
 
 
-def _classify_status(error: Any, key_source: str, model: str) -> AttemptError:
+def _classify_status(error: Any, key_source: str, model: str, shown: Callable[[str], str]) -> AttemptError:
     from pydantic_ai import exceptions as known
 
     status: int = error.status_code
     message = _provider_message(error.body)
     words = f"{message} {error.provider_error_code or ''} {error.provider_error_type or ''}"
-    quoted = f"{status}: {_shorten(message) or 'no reason given'}"
+    quoted = f"{status}: {shown(message) or 'no reason given'}"
     refused = status in (400, 413, 422) or (status == 429 and "request too large" in words.lower())
     if isinstance(error, known.ModelContextWindowExceededError) or status == 413:
         return AttemptError("too_long", quoted)
@@ -323,7 +322,7 @@ def _classify_status(error: Any, key_source: str, model: str) -> AttemptError:
 
 
 def _finish_of(response: ModelResponse) -> Finish:
-    """How a reply ended.
+    """Classifies the end of a reply.
 
     Raises:
         AttemptError: There is no reply in the response.
@@ -370,12 +369,7 @@ def _provider_message(body: object) -> str:
 
 
 def _root(error: BaseException) -> str:
-    """What the lowest library says."""
+    """Message of the lowest library."""
     while error.__cause__ is not None:
         error = error.__cause__
     return str(error) or type(error).__name__
-
-
-def _shorten(text: str) -> str:
-    words = " ".join(text.split())
-    return words if len(words) <= _LONGEST_MESSAGE else words[: _LONGEST_MESSAGE - 1] + "…"

@@ -1,4 +1,4 @@
-"""What goes to a VLM and what comes back, as plain data: request, media, reply, attempts, and who carries them."""
+"""Exchange with a VLM as plain data: request, media, reply, attempts, and who carries them."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ class Attempt:
 
 @dataclass(frozen=True)
 class Reply:
-    """What a VLM answered.
+    """Answer of a VLM.
 
     Attributes:
         text: Text as it came, JSON or not.

@@ -8,8 +8,6 @@ import re
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from importlib.util import find_spec
-from itertools import groupby
-from operator import itemgetter
 from typing import TYPE_CHECKING, Any, Literal
 
 from swim2real.advisor.vlm.exchange import Request
@@ -25,9 +23,7 @@ Name = Literal["google", "openai", "anthropic"]
 PLACEHOLDER = "no-key"  # what a server without keys is sent, since the libraries insist on one
 _KEY_VARIABLES = ("GOOGLE_API_KEY", "GEMINI_API_KEY", "OPENAI_API_KEY", "ANTHROPIC_API_KEY", "ANTHROPIC_AUTH_TOKEN")
 _SHORTEST_KEY = 8  # characters; what is shorter is a placeholder such as EMPTY, and may be a word of a reply
-_LONGEST_PIECE = 11  # characters of a key that may stay where a library has cut it off; a longer piece is replaced
 _MOST_ANSWER = 4_000_000  # bytes of a server's answer, unpacked; a reply has some thousand
-_ESCAPED = re.compile(r"(?<!\\)((?:\\\\)*)\\(?:u00([2-7][0-9A-Fa-f])|/)")  # signs of ASCII, as JSON may write them
 _LOUD = ("httpx", "httpx2", "httpcore", "httpcore2", "openai", "anthropic", "google_genai", "google", "pydantic_ai")
 
 
@@ -73,7 +69,7 @@ def _missing(library: str) -> MissingExtraError:
 
 
 def same_model(asked: str, answered: str) -> bool:
-    """Whether the model that answered is the one that was asked.
+    """True if the model that answered is the one that was asked.
 
     A date or a number at the end (`-2025-12-11`, `-20250929`, `-001`) may be on one of them, and an alias such as
     `gemini-flash-latest` stands for any number of that kind.
@@ -251,43 +247,17 @@ def read_key(variables: Iterable[str]) -> str | None:
 
 
 def redact(text: str, variables: Iterable[str] = ()) -> str:
-    r"""The text with every key that the environment holds replaced by the name of its variable, and pieces of it too.
-
-    Signs that are written as JSON's escapes (`\u0073`) are looked at as what they will be read as.
+    """The text with every key that the environment holds replaced by the name of its variable.
 
     Args:
-        text: Text of a provider, which may echo what it was sent, cut off anywhere.
+        text: Text of a provider, which may echo what it was sent; not yet cut off.
         variables: Environment variables that hold keys, beside the usual ones.
     """
     keys = {os.environ.get(name, "").strip(): name for name in (*_KEY_VARIABLES, *variables)}
-    if "\\" in text and (plain := _ESCAPED.sub(_unescaped, text)) != text and redact(plain, variables) != plain:
-        text = plain
     for key in sorted(keys, key=len, reverse=True):  # one may begin with another
         if len(key) >= _SHORTEST_KEY:
-            text = _without_pieces(text.replace(key, f"[{keys[key]}]"), key, f"[{keys[key]}]")
+            text = text.replace(key, f"[{keys[key]}]")
     return text
-
-
-def _unescaped(escape: re.Match[str]) -> str:
-    sign = chr(int(escape[2], 16)) if escape[2] else "/"
-    return escape[0] if sign in '"\\' else escape[1] + sign
-
-
-def _without_pieces(text: str, key: str, instead: str) -> str:
-    """The text with pieces of a key replaced; those that are short, for the key too, stay."""
-    size = max(_SHORTEST_KEY, min(_LONGEST_PIECE + 1, len(key) // 2))
-    hit = bytearray(len(text))
-    for i in range(len(key) - size + 1):
-        at = text.find(key[i : i + size])
-        while at >= 0:
-            hit[at : at + size] = b"\1" * size
-            at = text.find(key[i : i + size], at + 1)
-    if not any(hit):
-        return text
-    return "".join(
-        instead if mark else "".join(character for character, _ in run)
-        for mark, run in groupby(zip(text, hit, strict=True), key=itemgetter(1))
-    )
 
 
 def _quiet_libraries() -> None:

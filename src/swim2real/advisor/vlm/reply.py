@@ -33,7 +33,7 @@ class ReplyError(AdvisorError):
 
 @dataclass(frozen=True)
 class _ParsedReply:
-    """What a usable reply says.
+    """Content of a usable reply.
 
     Attributes:
         values: Values of all parameters, within bounds.
@@ -60,12 +60,12 @@ class _ParsedReply:
     alternatives: tuple[_ParsedReply, ...] = ()
 
     def notes(self) -> dict[str, object]:
-        """What was corrected without asking again, ready for JSON."""
+        """Corrections made without asking again, ready for JSON."""
         notes = {"ignored": list(self.ignored), "missing": list(self.missing), "clipped": dict(self.clipped)}
         return {name: content for name, content in notes.items() if content}
 
     def proposal(self, space: ParameterSpace, incumbent: NDArray[np.float64], notes: Mapping[str, Any]) -> Proposal:
-        """What a search is to try.
+        """Proposal that a search is to try.
 
         Args:
             space: Parameters of the simulator.
@@ -147,7 +147,7 @@ def _object(properties: Mapping[str, object]) -> dict[str, object]:
 
 
 def _is_same(value: float, current: float) -> bool:
-    """Whether a value only repeats the current one, as rounded as it was shown."""
+    """True if a value only repeats the current one, as rounded as it was shown."""
     return abs(value - current) <= SAME * abs(current)
 
 

@@ -45,7 +45,7 @@ class Incumbent:
         return cls(tuple(float(x) for x in evaluation.candidate.point), evaluation.loss)
 
     def matches(self, other: Incumbent) -> bool:
-        """Whether both are the same evaluation, perhaps simulated by another processor: its last digits may differ."""
+        """True if both are the same evaluation, perhaps simulated by another processor: its last digits may differ."""
         return self.point == other.point and math.isclose(self.loss, other.loss, rel_tol=_SAME_LOSS)
 
 
@@ -78,7 +78,7 @@ class ShownMedia:
 
 @dataclass(frozen=True)
 class _ShownRequest:
-    """What was shown in a request, as `Request` has it."""
+    """Record of what a request showed, with the fields of `Request`."""
 
     parts: tuple[ShownMedia | str, ...] = ()
     instructions: str = ""
@@ -132,7 +132,7 @@ class Call:
 
 @dataclass(frozen=True)
 class Totals:
-    """What the calls of a run took.
+    """Totals of a run's calls: tokens, seconds and cost.
 
     Attributes:
         calls: Number of calls, repairs and failed ones included.

@@ -3,32 +3,24 @@
   const player = document.querySelector(".player");
   if (!player) return;
   const part = (name) => player.querySelector(name);
-  const [button, trial, time, speed, ahead] = ["button", ".trial", ".time", ".speed", ".ahead"].map(part);
+  const [button, trial, time, speed] = ["button", ".trial", ".time", ".speed"].map(part);
   const LOST = -32768;
   let film, from = null; // `from` is the clock's time at the film's beginning while it plays [ms]
 
   const numbers = (text) => new Int16Array(Uint8Array.from(atob(text), (one) => one.charCodeAt(0)).buffer);
-  const picture = (name) => {
-    const [real, simulated, every, points, step, lines, width, height, grid] = JSON.parse(trial.selectedOptions[0].dataset[name]);
-    const shown = { real: numbers(real), simulated: numbers(simulated), every, points, step, lines, width, height, grid };
-    return { ...shown, frames: shown.real.length / (2 * points) };
-  };
   const take = () => {
     const data = trial.selectedOptions[0].dataset;
-    film = { pictures: [picture("picture")] };
+    const [real, simulated, points, step, lines, width, height, grid] = JSON.parse(data.picture);
+    film = { real: numbers(real), simulated: numbers(simulated), points, step, lines, width, height, grid };
     for (const name of ["rate", "frames", "markers"]) film[name] = Number(data[name]);
     film.seconds = (film.frames - 1) / film.rate;
     time.max = film.seconds;
     part(".said").textContent = data.said;
-    if (!ahead) return;
-    ahead.hidden = !data.ahead;
-    if (data.ahead) film.pictures.push(picture("ahead"));
-    ahead.querySelector("figcaption").textContent = data.rolls;
   };
 
   // place of a point between two frames [mm from the middle], null where it isn't known
-  const placeAt = ({ frames, points, step }, positions, at, point) => {
-    const frame = Math.min(Math.floor(at), frames - 2), share = at - frame;
+  const placeAt = (positions, at, point) => {
+    const { frames, points, step } = film, frame = Math.min(Math.floor(at), frames - 2), share = at - frame;
     let a = 2 * (frame * points + point), b = a + 2 * points;
     if (positions[a] === LOST) a = b;
     if (positions[b] === LOST) b = a;
@@ -36,10 +28,11 @@
     return [0, 1].map((k) => step * ((1 - share) * positions[a + k] + share * positions[b + k]));
   };
 
-  const paint = (canvas, shown) => {
-    const most = (0.7 * innerHeight * shown.width) / shown.height; // so that all of it and the controls are seen at once
-    const width = Math.min(canvas.parentNode.clientWidth, Math.max(most, 240)), scale = width / shown.width;
-    const height = shown.height * scale;
+  const draw = () => {
+    const canvas = part("canvas");
+    const most = (0.7 * innerHeight * film.width) / film.height; // so that all of it and the controls are seen at once
+    const width = Math.min(canvas.parentNode.clientWidth, Math.max(most, 240)), scale = width / film.width;
+    const height = film.height * scale;
     canvas.style.width = `${width}px`;
     canvas.style.height = `${height}px`;
     const dots = window.devicePixelRatio || 1;
@@ -61,22 +54,22 @@
     };
     pen.strokeStyle = color("grid");
     pen.lineWidth = 1;
-    const [right, top] = [shown.width / 2, shown.height / 2];
-    for (let x = -Math.floor(right / shown.grid) * shown.grid; x < right; x += shown.grid) line([[x, -top], [x, top]]);
-    for (let y = -Math.floor(top / shown.grid) * shown.grid; y < top; y += shown.grid) line([[-right, y], [right, y]]);
-    const at = Math.min((Number(time.value) * film.rate) / shown.every, shown.frames - 1);
+    const [right, top] = [film.width / 2, film.height / 2];
+    for (let x = -Math.floor(right / film.grid) * film.grid; x < right; x += film.grid) line([[x, -top], [x, top]]);
+    for (let y = -Math.floor(top / film.grid) * film.grid; y < top; y += film.grid) line([[-right, y], [right, y]]);
+    const at = Math.min(Number(time.value) * film.rate, film.frames - 1);
     for (const kind of ["real", "simulated"]) {
-      const positions = shown[kind];
-      const places = Array.from({ length: shown.points }, (_, point) => placeAt(shown, positions, at, point));
+      const positions = film[kind];
+      const places = Array.from({ length: film.points }, (_, point) => placeAt(positions, at, point));
       pen.strokeStyle = pen.fillStyle = color(kind);
       pen.lineWidth = 1;
       pen.globalAlpha = 0.45;
       for (const marker of new Set([0, film.markers - 1])) {
-        const behind = Array.from({ length: Math.floor(at) + 1 }, (_, frame) => placeAt(shown, positions, frame, marker));
+        const behind = Array.from({ length: Math.floor(at) + 1 }, (_, frame) => placeAt(positions, frame, marker));
         line([...behind, places[marker]]);
       }
       pen.lineWidth = Math.max(3, width / 160);
-      for (const points of shown.lines) line(points.map((point) => places[point]).filter(Boolean));
+      for (const points of film.lines) line(points.map((point) => places[point]).filter(Boolean));
       pen.globalAlpha = 1;
       for (const place of places.slice(0, film.markers).filter(Boolean)) {
         pen.beginPath();
@@ -84,9 +77,6 @@
         pen.fill();
       }
     }
-  };
-  const draw = () => {
-    film.pictures.forEach((shown, i) => paint(player.querySelectorAll("canvas")[i], shown));
     part("output").textContent = `${Number(time.value).toFixed(2)} s of ${film.seconds.toFixed(2)} s`;
   };
 

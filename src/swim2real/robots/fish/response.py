@@ -1,4 +1,4 @@
-"""How the fish's swimming from rest responds to its parameters, learned from simulated swims over the whole box.
+"""Response of the fish's swimming from rest to its parameters, learned from simulated swims over the whole box.
 
 Four Gaussian processes, conditioned on a few thousand parameter sets that each swam at several frequencies from rest
 (`experiments/fish_response`): whether the fish goes forward; how far it comes in a beat; how that grows with the
@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from swimbase.arrays import Array
 
 PROCESSES = ("direction", "stride", "growth", "motion")
 TABLES = ("basis", "average", "frequencies", "behind")
@@ -25,7 +25,7 @@ STEEPNESS = 3.0  # of the change from backward to forward, over the direction
 
 
 @dataclass(frozen=True)
-class PosteriorMean:
+class _PosteriorMean:
     """Mean of a Gaussian process with a squared-exponential and a linear kernel, given what it was conditioned on.
 
     Attributes:
@@ -62,7 +62,7 @@ class PosteriorMean:
 
 
 @dataclass(frozen=True)
-class Corrected:
+class _Corrected:
     """A process for more parameters than it was conditioned with: its outputs and a correction, which knows all.
 
     Attributes:
@@ -70,8 +70,8 @@ class Corrected:
         correction: For all of them.
     """
 
-    plain: PosteriorMean
-    correction: PosteriorMean
+    plain: _PosteriorMean
+    correction: _PosteriorMean
 
     def __call__(self, points: Array) -> Array:
         return self.plain(points[:, : len(self.plain.lengths)]) + self.correction(points)
@@ -83,8 +83,8 @@ class Corrected:
 
 
 @dataclass(frozen=True)
-class FishResponse:
-    """What the Gaussian processes expect of swims from rest.
+class _FishResponse:
+    """Swims from rest, as Gaussian processes expect them.
 
     Attributes:
         direction: From -1, backward, to 1, forward, at each of the frequencies.
@@ -99,10 +99,10 @@ class FishResponse:
         behind: How far each marker is behind the head [m]. Shape (M,).
     """
 
-    direction: PosteriorMean | Corrected
-    stride: PosteriorMean | Corrected
-    growth: PosteriorMean | Corrected
-    motion: PosteriorMean | Corrected
+    direction: _PosteriorMean | _Corrected
+    stride: _PosteriorMean | _Corrected
+    growth: _PosteriorMean | _Corrected
+    motion: _PosteriorMean | _Corrected
     basis: Array
     average: Array
     frequencies: Array
@@ -159,42 +159,42 @@ class FishResponse:
         return (1 - share) * table[low] + share * table[low + 1]
 
 
-def _processes(content: Mapping[str, NDArray[Any]]) -> dict[str, PosteriorMean]:
+def _processes(content: Mapping[str, NDArray[Any]]) -> dict[str, _PosteriorMean]:
     points = 2 * content["points"].astype(float) - 1
 
     def table(name: str) -> Array:
         return content[name].astype(float)
 
-    def mean_of(name: str) -> PosteriorMean:
+    def mean_of(name: str) -> _PosteriorMean:
         rows, kernel = content[f"{name}_rows"].astype(int), table(f"{name}_kernel")
         mean, scale = table(f"{name}_scales")
-        return PosteriorMean(
+        return _PosteriorMean(
             points[rows], table(f"{name}_weights"), kernel[:-2], float(kernel[-2]), float(kernel[-1]), mean, scale
         )
 
     return {name: mean_of(name) for name in PROCESSES}
 
 
-def read_response(content: Mapping[str, NDArray[Any]]) -> FishResponse:
+def read_response(content: Mapping[str, NDArray[Any]]) -> _FishResponse:
     """The response of an array file, as `experiments/fish_response/fit.py` writes it."""
     tables: dict[str, Any] = {name: content[name].astype(float) for name in TABLES}
-    return FishResponse(**_processes(content), **tables)
+    return _FishResponse(**_processes(content), **tables)
 
 
-def read_correction(content: Mapping[str, NDArray[Any]], plain: FishResponse) -> FishResponse:
+def read_correction(content: Mapping[str, NDArray[Any]], plain: _FishResponse) -> _FishResponse:
     """The response for more parameters than the plain one has, from an array file with its correction."""
     corrections = _processes(content)
-    return replace(plain, **{name: Corrected(getattr(plain, name), corrections[name]) for name in PROCESSES})
+    return replace(plain, **{name: _Corrected(getattr(plain, name), corrections[name]) for name in PROCESSES})
 
 
 @cache
-def fish_response() -> FishResponse:
+def fish_response() -> _FishResponse:
     """The learned response that is shipped with the package."""
     return read_response(_read("response.npz"))
 
 
 @cache
-def extended_response() -> FishResponse:
+def extended_response() -> _FishResponse:
     """The learned response of the fish with parameters behind the 16: the plain fish's, corrected."""
     return read_correction(_read("response-extended.npz"), fish_response())
 
