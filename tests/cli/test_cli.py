@@ -244,7 +244,7 @@ def test_calibrate_ends_with_the_values_that_it_has_found(program, calibration, 
     for name, value in best.items():
         assert re.search(rf"{name} \S+ {value:.4g} \S+ (lower|upper|–) \S+ to \S+", told), (name, told)
     program(*calibration, "--out", tmp_path / "other", "--horizon", 1, "--method", "random", "--budget", 1).done()
-    assert "How well the trials tell them: `swim2real identify`" in program.out
+    assert "How well the trials determine them: `swim2real identify`" in program.out
 
 
 @pytest.mark.slow

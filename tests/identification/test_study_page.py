@@ -35,7 +35,7 @@ def test_intervals_combinations_and_pairs_are_on_the_page(run):
     ("change", "sentence"),
     [
         ({"complete": False}, ""),
-        ({"format": 1}, "isn't shown: '"),
+        ({"format": 1}, "isn't shown: study '"),
         ({"start": {"point": [0.5] * 4, "loss": 1.0}}, "is from before the run had its best values; begin anew"),
     ],
 )
