@@ -99,6 +99,7 @@ def test_the_order_of_markers_is_of_no_importance(pendulum, order):
     assert loss(robot, other, PENDULUM_HIDDEN) == pytest.approx(loss(FITTED, pendulum, PENDULUM_HIDDEN), rel=1e-3)
 
 
+@pytest.mark.slow
 def test_half_the_frame_rate_finds_the_same_values(pendulum, tmp_path):
     def found(trials, name):
         chosen = CalibrationSettings(method="least-squares", budget=60, threads=1)

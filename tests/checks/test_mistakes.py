@@ -93,8 +93,6 @@ def sound():
 
 QUICK = (
     "that looks like millimeters; tracks are in meters",
-    "its frames last 2.4 times as long",
-    "'torque' look of the other sign: say NAME=COLUMN:-1",
     "look like degrees in place of radians: say NAME=COLUMN:UNIT",
     "pendulum", "floater",
 )  # fmt: skip
