@@ -10,12 +10,10 @@ from swim2real.cli import main
 POLICIES = Path(__file__).resolve().parents[2] / "examples" / "policies"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("task", "options", "distance"),
-    [
-        pytest.param("forward", ["--episodes", "4"], 0.2303, marks=pytest.mark.slow),
-        ("target", ["--goals", "4", "--stage", "2"], 1.0911),
-    ],
+    [("forward", ["--episodes", "4"], 0.2303), ("target", ["--goals", "4", "--stage", "2"], 1.0911)],
 )
 def test_a_policy_swims_as_it_did_where_it_was_trained(task, options, distance, tmp_path, capsys, new_fluid_law):
     if new_fluid_law:
