@@ -22,9 +22,8 @@ from markertrack.track import MarkerTrack
 from markertrack.tracking.markers import MarkerTracker
 from markertrack.tracking.tracker import Tracker
 from markertrack.video import Frame, VideoReader, film_title, frames_backwards
+from swimbase.arrays import Array
 from swimbase.errors import TrackingError, TrialError
-
-Array = NDArray[np.float64]
 
 SMEARED = 0.4  # highest confidence in a picture that may be smeared: doubtful to `check_track`
 FIRST_LOOK = 2.0  # s after which is reported what can't be tracked

@@ -7,11 +7,10 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from swimbase.arrays import Array, Mask
 from swimbase.errors import TrackingError
 
-Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
-Mask = NDArray[np.bool_]
 
 DOUBT = 0.45  # confidence of a marker that may be another one: `quality` counts less than a half as lost
 REASONS = "nothing like it is found", "others like it are near", "it doesn't look as it did"
