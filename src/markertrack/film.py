@@ -154,7 +154,7 @@ def _labeled(first: Frame, layout: Layout, tags: str | None) -> Array:
         return TagTracker(tags).points(first.image, len(layout.names))
     if not layout.chain:
         raise TrackingError(
-            "the markers of this robot can't be found by themselves: that takes a straight swimmer, and its trials are "
-            "recordings; pick the points with `swim2real pick`"
+            f"the markers of {layout.body} can't be found by themselves: that takes a straight swimmer, and its trials "
+            "are recordings; pick the points with `swim2real pick`"
         )
     return label_markers(first.image, layout.rest, layout.heights)

@@ -21,6 +21,7 @@ class Layout:
         heights: Heights toward the camera, which sees higher ones nearer [m]. Shape (M,).
         bodies: Number of the rigid body that carries each marker: markers of one body keep their distances.
         chain: Whether the markers stand in a row along a flexible body, the first two on its head.
+        body: The body, as a sentence names it.
     """
 
     names: tuple[str, ...]
@@ -28,6 +29,7 @@ class Layout:
     heights: Array
     bodies: tuple[int, ...]
     chain: bool = False
+    body: str = "this body"
 
     def __post_init__(self) -> None:
         count = len(self.names)

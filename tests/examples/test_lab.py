@@ -92,5 +92,5 @@ def test_it_is_tracked_again_when_a_table_is_another(films, tmp_path):
 
 
 def test_markers_of_a_robot_that_bends_anyhow_are_picked(films, tmp_path):
-    with pytest.raises(TrackingError, match=r"this robot can't be found by themselves.*`swim2real pick`"):
+    with pytest.raises(TrackingError, match=r"robot 'finger' can't be found by themselves.*`swim2real pick`"):
         track_video(films / "pull.mp4", "auto", FINGER, TrackingSettings(), tmp_path / "trials")

@@ -348,8 +348,8 @@ class Robot:
     @property
     def layout(self) -> Layout:
         """The markers, as tracking knows them: those of a swimmer are a chain."""
-        bodies = self.marker_bodies
-        return Layout(self.marker_names, self.rest_markers, self.marker_heights, bodies, self.trials.steady)
+        markers = self.marker_names, self.rest_markers, self.marker_heights, self.marker_bodies
+        return Layout(*markers, self.trials.steady, f"robot '{self.name}'")
 
     def check_markers(self, what: str) -> None:
         """Refuses a robot that is recorded without a camera.
