@@ -65,11 +65,9 @@ def made_results(
 
 
 ROUNDS = (
-    StepRound(1, (1.0,), True, True),
-    StepRound(2, (1.0, 0.5), True, True),
-    StepRound(4, (1.0, 0.5, 0.25), False, True),
+    StepRound(1, (1.0,), True, True), StepRound(2, (1.0, 0.5), True, True), StepRound(4, (1.0, 0.5, 0.25), False, True),
     StepRound(7, (1.0,), False, False),
-)
+)  # fmt: skip
 
 
 def two_methods() -> ComparisonResults:

@@ -113,11 +113,9 @@ if __name__ == "__main__":
 
 
 @LINUX
-@pytest.mark.parametrize(
-    ("work", "initializer"),
-    [("sleep", ""), ("hold_the_interpreter", ""), ("sleep", "forget_the_parent")],
-    ids=["asleep", "holding the interpreter", "as on other systems"],
-)
+@pytest.mark.parametrize(("work", "initializer"), [
+    ("sleep", ""), ("hold_the_interpreter", ""), ("sleep", "forget_the_parent"),
+], ids=["asleep", "holding the interpreter", "as on other systems"])  # fmt: skip
 def test_processes_end_when_their_parent_is_killed(work, initializer, tmp_path):
     files = [tmp_path / "0", tmp_path / "1"]
     (tmp_path / "parent.py").write_text(PARENT)

@@ -147,15 +147,11 @@ def _chat(text: str | None, finish: str, model: str, tokens: tuple[int, int], th
 
 def _message(text: str | None, finish: str, model: str, tokens: tuple[int, int], thinking: int) -> dict[str, Any]:
     return {
-        "id": "msg_1",
-        "type": "message",
-        "role": "assistant",
-        "model": model,
+        "id": "msg_1", "type": "message", "role": "assistant", "model": model,
         "content": [] if text is None else [{"type": "text", "text": text}],
-        "stop_reason": {"stop": "end_turn", "length": "max_tokens"}.get(finish, finish),
-        "stop_sequence": None,
+        "stop_reason": {"stop": "end_turn", "length": "max_tokens"}.get(finish, finish), "stop_sequence": None,
         "usage": {"input_tokens": tokens[0], "output_tokens": tokens[1] + thinking},
-    }
+    }  # fmt: skip
 
 
 def _streamed(message: dict[str, Any]) -> Answer:

@@ -69,9 +69,6 @@ def row(text: str, name: str, *heads: str) -> dict[str, str]:
     return dict(zip(rows[0], next(one for one in rows if one[0] == name), strict=True))
 
 
-# numbers
-
-
 def test_tables_of_swims_have_their_speeds_and_amplitudes():
     text = swims([(REAL, WIDER)])
     trial = row(text, "swim0", "trial")
@@ -151,9 +148,6 @@ def test_only_the_worst_of_many_trials_are_told_in_detail():
     assert re.findall(r"^Trial (t\d):$", text, re.MULTILINE) == ["t7", "t8", "t9"]
 
 
-# words
-
-
 def waves(real=(), simulated=(), frequencies=(0.5, 1.0, 2.0), protocol="aligned", from_rest=None, **more) -> str:
     """What is told of swims at these speeds [m/s]."""
     speeds = real or [0.1 * frequency for frequency in frequencies]
@@ -192,9 +186,6 @@ def test_what_is_said(make, parts):
     text = make()
     assert [part for part in parts if (part.removeprefix("!") in text) == part.startswith("!")] == []
     assert not re.search(r"\b(nan|inf|None)\b", text)
-
-
-# history
 
 
 def step(loss, point=(0.75, 0.5), **more) -> Evaluation:
@@ -318,9 +309,6 @@ def test_a_measurement_keeps_its_place_in_finished_rounds():
     assert re.search(r"- Proposed: spring \S+ → \S+, grip ", text)
 
 
-# the page as a whole
-
-
 @given(
     st.integers(0, 3), st.integers(0, 5), st.sampled_from([1.0, -1.0]), st.booleans(),
     st.sampled_from(["both", "numbers", "pictures"]),
@@ -372,9 +360,6 @@ def test_it_is_short_even_after_many_rounds(trials):
 @given(st.floats(1e-6, 1e6))
 def test_a_value_that_is_repeated_as_shown_is_no_change(given_value):
     assert abs(float(significant(given_value)) - given_value) <= 1e-3 * given_value
-
-
-# pictures and films
 
 
 @pytest.fixture

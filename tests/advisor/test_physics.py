@@ -84,9 +84,6 @@ def assert_sound(proposal: Proposal, incumbent: np.ndarray, space=SPACE) -> None
         assert (after[name] > before[name]) == (verb.lower() == "raise")
 
 
-# proposals
-
-
 @pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize("space", [SPACE, replace(SPACE, scale="linear")], ids=["log", "linear"])
 def test_a_proposal_is_in_the_cube_and_says_what_it_changes_and_why(space, seed):
@@ -171,11 +168,9 @@ ODD = {
     "a marker lost": (lambda: World(lost=[(0, 6)]), ""),
     "a trial lost": (lambda: World(lost=[(1, marker) for marker in range(9)]), ""),
     "all lost": (lambda: World(lost=[(trial, marker) for trial in range(4) for marker in range(9)]), ""),
-    "one trial": (lambda: World((1.2,)), ""),
-    "two trials, slow last": (lambda: World((1.6, 0.8)), ""),
-    "far apart": (lambda: World((0.1, 6.0)), ""),
-    "tail first": (lambda: World(sign=-1.0), "tail first"),
-}
+    "one trial": (lambda: World((1.2,)), ""), "two trials, slow last": (lambda: World((1.6, 0.8)), ""),
+    "far apart": (lambda: World((0.1, 6.0)), ""), "tail first": (lambda: World(sign=-1.0), "tail first"),
+}  # fmt: skip
 
 
 @pytest.mark.parametrize(
@@ -217,9 +212,6 @@ def test_after_a_diverged_first_simulation_it_proposes_around_the_middle():
     assert len(set(proposed)) == 4  # another one each time
 
 
-# success
-
-
 @pytest.mark.parametrize(("factor", "slower"), [(0.4, True), (2.5, False)])
 def test_a_fish_that_is_too_fast_is_slowed_and_one_that_is_too_slow_is_sped_up(factor, slower):
     proposal = advisor().propose(start(World(), FORWARD, real=factor))
@@ -245,9 +237,6 @@ def test_it_finds_a_hidden_fish(tmp_path):
     )
     assert len(losses) == 12
     assert min(losses) < losses[0] / 3
-
-
-# trust and caution
 
 
 def finished_round(loss: float = 0.1, steps: int = 1, accepted: bool = True) -> Round:
@@ -278,9 +267,6 @@ def test_caution_falls_while_nothing_is_gained_and_returns_with_progress():
     assert caution((REJECTED, REJECTED, FULL)) == begin
     assert caution((REJECTED, FULL, REJECTED)) == rejected
     assert caution((finished_round(loss=0.1999),)) == rejected  # a hair of progress isn't progress
-
-
-# what it sees
 
 
 def test_the_beat_is_read_relative_to_the_tail_tip_and_only_lost_markers_are_nan():
@@ -357,9 +343,6 @@ def test_an_excess_is_what_features_do_not_explain_of_a_loss():
     assert AIM.excess(2 * explained, fast)[0] == pytest.approx(np.log(2))
     assert AIM.excess(np.array([0.5]), right)[0] == MOST_EXCESS
     assert AIM.excess(np.array([0.5]), swum([0.05, 0.1], forward=-1.0))[0] == 0.0
-
-
-# the learned response
 
 
 @pytest.mark.slow

@@ -151,15 +151,12 @@ def test_a_list_is_measured_parameter_by_parameter_then_asked_again(ask, vlm, tm
 SAME = {name: float(f"{value:.4g}") for name, value in SPACE.to_values([0.5, 0.5]).items()}
 
 
-@pytest.mark.parametrize(
-    ("provider", "text", "problem"),
-    [
-        ("google", "The tail bends too far.", "the reply holds no JSON object"),
-        ("anthropic", '{"parameters": {"drag": NaN}}', "'drag' is NaN; it must be a finite number from 0 to 10"),
-        ("openai", good()[:-9], "the reply is not valid JSON"),
-        ("openai", json.dumps({"parameters": SAME}), "no parameter changes"),
-    ],
-)
+@pytest.mark.parametrize(("provider", "text", "problem"), [
+    ("google", "The tail bends too far.", "the reply holds no JSON object"),
+    ("anthropic", '{"parameters": {"drag": NaN}}', "'drag' is NaN; it must be a finite number from 0 to 10"),
+    ("openai", good()[:-9], "the reply is not valid JSON"),
+    ("openai", json.dumps({"parameters": SAME}), "no parameter changes"),
+])  # fmt: skip
 def test_a_bad_reply_is_mended_by_a_question_without_media(ask, vlm, tmp_path, provider, text, problem):
     vlm.script(replies(text, tokens=(100, 10)), replies(good(), tokens=(300, 30)))
     proposal = ask(provider=provider).propose(START)
@@ -233,9 +230,6 @@ def test_a_safety_filter_fails_the_round_and_a_wrong_setting_the_run(ask, vlm, t
     assert len(vlm.requests) == asked + 1
 
 
-# limits
-
-
 def test_calls_are_limited_over_all_sittings(ask, vlm):
     vlm.script(*[replies("no")] * 2)
     said = refusal(ask(max_calls=2))
@@ -264,9 +258,6 @@ def test_the_cost_is_limited_before_it_is_spent(ask, tmp_path):
         ask(max_cost=2.0)
 
 
-# replay
-
-
 def test_a_replay_gives_the_same_proposals_without_asking(ask, vlm, tmp_path):
     vlm.script(replies("no"), replies(good()), replies(good(2.0)))
     advisor = ask()
@@ -292,18 +283,12 @@ def test_a_replay_that_has_come_elsewhere_is_refused(ask, vlm, tmp_path):
             ReplayAdvisor(Transcript(tmp_path), SPACE).propose(situation)
 
 
-# the transcript
-
-
-@pytest.mark.parametrize(
-    ("change", "said"),
-    [
-        (lambda text: text[: len(text) // 2], "can't be read as JSON"),
-        (lambda text: text.replace('"format": 1', '"format": 9'), "'format' is 9; it must be 1"),
-        (lambda text: text.replace('"outcome"', '"income"'), "'outcome' is missing"),
-        (lambda text: text.replace('"media/', '"../media/'), "it names media outside of the transcript"),
-    ],
-)
+@pytest.mark.parametrize(("change", "said"), [
+    (lambda text: text[: len(text) // 2], "can't be read as JSON"),
+    (lambda text: text.replace('"format": 1', '"format": 9'), "'format' is 9; it must be 1"),
+    (lambda text: text.replace('"outcome"', '"income"'), "'outcome' is missing"),
+    (lambda text: text.replace('"media/', '"../media/'), "it names media outside of the transcript"),
+])  # fmt: skip
 def test_a_damaged_transcript_is_named(ask, tmp_path, change, said):
     VlmAdvisor(Dear(), brief, SPACE, Transcript(tmp_path)).propose(START)
     path = tmp_path / "advisor" / "call_0001.json"

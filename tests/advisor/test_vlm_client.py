@@ -76,9 +76,6 @@ def one_authority(tmp_path_factory):
     gc.collect()  # what wasn't closed or awaited warns here, and a warning is an error
 
 
-# replies
-
-
 @pytest.mark.slow
 @each
 def test_a_good_reply_and_what_is_on_the_wire(vlm, provider):
@@ -125,17 +122,14 @@ def chat(**message):
     return sends({"id": "1", "object": "chat.completion", "created": 1, "model": "gpt-5.2", "choices": [choice]})
 
 
-@pytest.mark.parametrize(
-    ("provider", "behavior", "finish", "text", "model"),
-    [
-        ("openai", replies('{"mass', finish="length", model="another-7"), "length", '{"mass', "another-7"),
-        ("openai", replies(None, finish="length"), "length", "", "gpt-5.2"),
-        ("openai", chat(refusal="I can't help."), "refusal", "I can't help.", "gpt-5.2"),
-        ("anthropic", replies("I'd rather not.", finish="refusal"), "refusal", "I'd rather not.", "claude-sonnet-5"),
-        ("google", sends({"candidates": [{"content": {"parts": [{"text": REPLY}]}, "finishReason": "STOP"}]}),
-         "stop", REPLY, None),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("provider", "behavior", "finish", "text", "model"), [
+    ("openai", replies('{"mass', finish="length", model="another-7"), "length", '{"mass', "another-7"),
+    ("openai", replies(None, finish="length"), "length", "", "gpt-5.2"),
+    ("openai", chat(refusal="I can't help."), "refusal", "I can't help.", "gpt-5.2"),
+    ("anthropic", replies("I'd rather not.", finish="refusal"), "refusal", "I'd rather not.", "claude-sonnet-5"),
+    ("google", sends({"candidates": [{"content": {"parts": [{"text": REPLY}]}, "finishReason": "STOP"}]}), "stop",
+     REPLY, None),
+])  # fmt: skip
 def test_how_a_reply_ends_and_who_wrote_it(vlm, provider, behavior, finish, text, model):
     reply = Ask(vlm, provider, behavior)()
     assert (reply.finish, reply.text, reply.model) == (finish, text, model)
@@ -155,15 +149,9 @@ def test_one_client_for_many_calls_also_within_a_loop(vlm):
 PASSING = (
     refuses(408, "Request timeout"),
     refuses(429, "Rate limit reached, see https://platform.openai.com/account/billing.", "rate_limit_exceeded"),
-    sends("<html><h1>Bad gateway</h1></html>", 502),
-    sends("<html>Please sign in</html>"),
-    sends({"hello": [1, 2]}),
-    sends([1, 2]),
-    sends(""),
-    sends({"error": {"message": "upstream failed", "code": 502}}),
-    drops,
-    cuts,
-)
+    sends("<html><h1>Bad gateway</h1></html>", 502), sends("<html>Please sign in</html>"), sends({"hello": [1, 2]}),
+    sends([1, 2]), sends(""), sends({"error": {"message": "upstream failed", "code": 502}}), drops, cuts,
+)  # fmt: skip
 
 
 @each
@@ -201,14 +189,11 @@ TYPE = "type.googleapis.com/google.rpc"
 RETRY_INFO = [{"@type": f"{TYPE}.RetryInfo", "retryDelay": "38.5s"}]
 
 
-@pytest.mark.parametrize(
-    ("provider", "behavior", "wait"),
-    [
-        *((p, refuses(429, "Slow down", headers={"retry-after": "7"}), 7) for p in PROVIDERS),
-        ("openai", refuses(429, "Slow down", headers={"retry-after": "3600"}), 120),
-        ("google", refuses(429, "Quota", "RESOURCE_EXHAUSTED", details=RETRY_INFO), 38.5),
-    ],
-)
+@pytest.mark.parametrize(("provider", "behavior", "wait"), [
+    *((p, refuses(429, "Slow down", headers={"retry-after": "7"}), 7) for p in PROVIDERS),
+    ("openai", refuses(429, "Slow down", headers={"retry-after": "3600"}), 120),
+    ("google", refuses(429, "Quota", "RESOURCE_EXHAUSTED", details=RETRY_INFO), 38.5),
+])  # fmt: skip
 def test_the_server_says_how_long_to_wait(vlm, provider, behavior, wait):
     ask = Ask(vlm, provider, behavior, replies(REPLY))
     ask()
@@ -315,9 +300,6 @@ def test_messages_are_classified(kind):
         error = classify_error(ModelHTTPError(status, "a-model", {"message": message}), "A_KEY", "a-model", str)
         assert (message, error.kind) == (message, kind)
         assert message in error.reason
-
-
-# a schema that isn't taken
 
 
 def test_the_same_without_a_schema_that_is_refused(vlm):
@@ -472,21 +454,18 @@ def test_a_variable_that_holds_no_key_is_named_and_both_of_google_count(monkeypa
     assert ModelClient("google:gemini-3.1-pro-preview", VlmAccess()).price_known
 
 
-@pytest.mark.parametrize(
-    ("asked", "answered", "same"),
-    [
-        ("gpt-5.2", "gpt-5.2-2025-12-11", True),
-        ("claude-sonnet-4-5", "claude-sonnet-4-5-20250929", True),
-        ("gemini-2.0-flash-001", "gemini-2.0-flash", True),
-        ("gemini-2.5-pro", "models/gemini-2.5-pro", True),
-        ("claude-sonnet-4-5-latest", "claude-sonnet-4-5-20250929", True),
-        ("gemini-flash-latest", "gemini-2.5-flash-preview-09-2025", True),
-        ("gemini-flash-latest", "gemini-3.5-flash-lite", False),
-        ("gemini-2.5-pro", "gemini-3.1-pro-preview", False),
-        ("gpt-5", "gpt-5.2", False),
-        ("gpt-5-2025-08-07", "gpt-5-2025-12-11", False),
-    ],
-)
+@pytest.mark.parametrize(("asked", "answered", "same"), [
+    ("gpt-5.2", "gpt-5.2-2025-12-11", True),
+    ("claude-sonnet-4-5", "claude-sonnet-4-5-20250929", True),
+    ("gemini-2.0-flash-001", "gemini-2.0-flash", True),
+    ("gemini-2.5-pro", "models/gemini-2.5-pro", True),
+    ("claude-sonnet-4-5-latest", "claude-sonnet-4-5-20250929", True),
+    ("gemini-flash-latest", "gemini-2.5-flash-preview-09-2025", True),
+    ("gemini-flash-latest", "gemini-3.5-flash-lite", False),
+    ("gemini-2.5-pro", "gemini-3.1-pro-preview", False),
+    ("gpt-5", "gpt-5.2", False),
+    ("gpt-5-2025-08-07", "gpt-5-2025-12-11", False),
+])  # fmt: skip
 def test_same_model(asked, answered, same):
     assert same_model(asked, answered) is same
 
@@ -496,9 +475,6 @@ def test_prices():
     assert whole == pytest.approx(1000 * 2e-6 + 100 * 12e-6)  # 2 and 12 USD per million tokens
     assert 0 < cached < whole
     assert price("openai", "a-model-of-tomorrow", 1000, 100) is None
-
-
-# Ctrl-C, missing libraries
 
 
 @pytest.mark.parametrize(("provider", "moment"), [("google", "call"), ("openai", "wait"), ("anthropic", "handler")])

@@ -36,16 +36,12 @@ def test_a_whole_reply_is_taken_as_it_is():
     assert (parsed.diagnosis, parsed.reasoning, parsed.notes()) == ("too slow", "drag", {})
 
 
-@pytest.mark.parametrize(
-    "around",
-    [
-        "```json\n@\n```",
-        "Here is what I think {it} sees:\n\n@\n\nGood luck!",
-        'First try: {"parameters": 3} no, better:\n@',
-        "<think>{{{{{{{{</think>@",
-        "\ufeff@",
-    ],
-)
+@pytest.mark.parametrize("around", [
+    "```json\n@\n```",
+    "Here is what I think {it} sees:\n\n@\n\nGood luck!",
+    'First try: {"parameters": 3} no, better:\n@',
+    "<think>{{{{{{{{</think>@", "\ufeff@",
+])  # fmt: skip
 def test_json_is_found_in_what_stands_around_it(around):
     assert parse_reply(around.replace("@", reply(drag=1.5)), SPACE, NOW).values["drag"] == 1.5
 

@@ -88,15 +88,10 @@ def trial(frequency, real_speed, speed, real_beat, beat, known) -> dict[str, Any
     shape = float(np.hypot(np.sqrt(squared.mean()) if known.any() else 0.0, FLOOR))
     error = float(np.hypot(shape, abs(speed - real_speed) * HORIZON / 2))
     return {
-        "loss": error,
-        "frequency": frequency,
-        "velocity_real": float(real_speed),
-        "velocity_simulated": float(speed),
-        "shape_error": shape,
-        "aligned_marker_error": error,
-        "beat_real": written(real_beat, known),
+        "loss": error, "frequency": frequency, "velocity_real": float(real_speed), "velocity_simulated": float(speed),
+        "shape_error": shape, "aligned_marker_error": error, "beat_real": written(real_beat, known),
         "beat_simulated": written(beat, known),
-    }
+    }  # fmt: skip
 
 
 def written(beat: np.ndarray, known: np.ndarray) -> dict[str, list[float | None]]:

@@ -24,18 +24,14 @@ def test_a_lower_loss_in_the_last_quarter_is_told_with_what_to_do():
     assert (still_falling(fell, settings(8)) or "").startswith(says)
 
 
-@pytest.mark.parametrize(
-    ("found", "budget"),
-    [
-        (entries(9, 5, 4, 6, 4, 3, 4.5, 3), 8),
-        (entries(9, 5, 4, 6, 4, 5, 4.5, 3.81), 8),
-        (entries(9, 5, 4, 6, 4, 5, 4.5, 3), 12),
-        (entries(9, 5, 1), 3),
-        (entries(FAILED, FAILED, FAILED, FAILED), 4),
-        ([], 0),
-    ],
-    ids=["fell before", "fell by less than 5 %", "budget not spent", "too short", "all failed", "nothing"],
-)
+@pytest.mark.parametrize(("found", "budget"), [
+    (entries(9, 5, 4, 6, 4, 3, 4.5, 3), 8),
+    (entries(9, 5, 4, 6, 4, 5, 4.5, 3.81), 8),
+    (entries(9, 5, 4, 6, 4, 5, 4.5, 3), 12),
+    (entries(9, 5, 1), 3),
+    (entries(FAILED, FAILED, FAILED, FAILED), 4),
+    ([], 0),
+], ids=["fell before", "fell by less than 5 %", "budget not spent", "too short", "all failed", "nothing"])  # fmt: skip
 def test_nothing_is_told_of_any_other_run(found, budget):
     assert still_falling(found, settings(budget)) is None
 

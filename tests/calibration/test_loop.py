@@ -133,9 +133,6 @@ def test_a_diverged_simulation_is_recorded_and_not_the_best(reference, tmp_path,
     assert read_parameters(folder.path, "fish", robot.space).values["motor_arm_length"] == pytest.approx(0.04)
 
 
-# records that don't fit
-
-
 def edited(run, line, change):
     lines = (run / "record.jsonl").read_text().splitlines()
     entry = json.loads(lines[line])
@@ -172,9 +169,6 @@ def test_an_edited_loss_is_noticed_by_the_search_that_built_on_it(go, tmp_path, 
     better = entries[accepted]["loss"] < min(entry["loss"] for entry in entries[:accepted])
     edited(run, accepted, lambda entry: entry.update(loss=0.9 if better else 1e-6))
     assert "isn't the one that these settings ask for" in refusal(go, "line-search", budget=BUDGET + 4)
-
-
-# a disk that fails
 
 
 def test_a_full_disk_stops_the_run_and_keeps_the_record(go, tmp_path, uninterrupted, monkeypatch):

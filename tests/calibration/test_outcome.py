@@ -26,9 +26,6 @@ ROBOT = small_run.ROBOT
 FEW = TrialSet((Trial("a", MarkerTrack(np.arange(60) / 60, np.random.default_rng(0).random((60, 3, 2)))),))
 
 
-# the problem
-
-
 def test_the_hidden_values_have_hardly_any_loss(problem):
     comparison = problem.evaluate(small_run.HIDDEN)
     assert comparison.loss < 5e-3  # the noise of the markers, which turns the body frame
@@ -52,23 +49,17 @@ def test_the_papers_protocol_drives_at_the_nominal_frequency_from_rest(reference
     assert figures["loss"] == figures["marker_error"] > figures["aligned_marker_error"] > 0.005
 
 
-@pytest.mark.parametrize(
-    ("pose", "parts"),
-    [
-        (lambda: Problem(ROBOT, trial_set(Swimmer().track()), "paper"),
-         ("trial 'swim0' has no nominal frequency", "protocol 'paper'", "reference.json")),
-        (lambda: Problem(ROBOT, trial_set(Swimmer().track()), "aligned", 0.0), ("horizon is 0.0 s", "above 0")),
-        (lambda: Problem(ROBOT, trial_set(Swimmer().track()), "aligned", np.nan), ("horizon is nan s", "above 0")),
-        (lambda: examine_swims(FEW, FISH), ("3 markers (M0, M1, M2)", "robot 'fish' has 9 (M0, M1, M2, M3")),
-        (lambda: examine_swims(trial_set(Swimmer().track(), Swimmer(amplitude=0.0).track()), FISH),
-         ("trial 'swim1'", "no regular beat")),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("pose", "parts"), [
+    (lambda: Problem(ROBOT, trial_set(Swimmer().track()), "paper"),
+     ("trial 'swim0' has no nominal frequency", "protocol 'paper'", "reference.json")),
+    (lambda: Problem(ROBOT, trial_set(Swimmer().track()), "aligned", 0.0), ("horizon is 0.0 s", "above 0")),
+    (lambda: Problem(ROBOT, trial_set(Swimmer().track()), "aligned", np.nan), ("horizon is nan s", "above 0")),
+    (lambda: examine_swims(FEW, FISH), ("3 markers (M0, M1, M2)", "robot 'fish' has 9 (M0, M1, M2, M3")),
+    (lambda: examine_swims(trial_set(Swimmer().track(), Swimmer(amplitude=0.0).track()), FISH),
+     ("trial 'swim1'", "no regular beat")),
+])  # fmt: skip
 def test_a_problem_that_cant_be_posed_is_refused(pose, parts):
     assert says(refusal(TrialError, pose), *parts)
-
-
-# what a run found
 
 
 def test_an_outcome_is_written_with_fit_and_held_out_apart(reference, tmp_path):
@@ -115,9 +106,6 @@ def test_swims_that_arent_there_or_damaged_are_told(tmp_path):
         assert refusal(RunError, load_trials, folder).startswith(f"{path} can't be read: ")
 
 
-# which parameters the trials can tell
-
-
 @pytest.mark.slow
 def test_sensitivities_tell_parameters_apart(problem):
     space = ParameterSpace(tuple(ROBOT.space[name] for name in small_run.FREE))
@@ -139,9 +127,6 @@ def test_sensitivities_tell_parameters_apart(problem):
     )
     assert arm.upper == pytest.approx(by_hand, rel=1e-9)
     assert json.dumps([one.as_dict() for one in found.values()], allow_nan=False)
-
-
-# where a result comes from
 
 
 def test_a_reference_has_a_fingerprint_of_all_that_matters(reference):

@@ -57,9 +57,6 @@ def floater():
     return Problem(FLOATER, floater_reference(5e-4), threads=2)
 
 
-# posing
-
-
 def test_the_robot_decides_what_problem_it_is(problem):
     assert problem.simulator.robot is PENDULUM
     assert (problem.protocol.name, problem.horizon) == ("playback", 4.0)
@@ -101,9 +98,6 @@ def test_what_the_controls_dont_reach_is_told(pendulum):
         findings([9.0])
 
 
-# evaluation
-
-
 def test_the_hidden_values_leave_the_noise(problem, floater):
     for one, hidden in ((problem, PENDULUM_HIDDEN), (floater, FLOATER_HIDDEN)):
         comparison = one.evaluate(hidden)
@@ -126,9 +120,6 @@ def test_lost_markers_are_told_and_dont_count(pendulum):
     assert not told["usable"]
     assert (told["controls"], told["sensors"]) == (["torque"], ["gyro[1]"])
     assert problem.evaluate(PENDULUM_HIDDEN).loss < 5e-3
-
-
-# runs
 
 
 @pytest.fixture(scope="module")
@@ -185,9 +176,6 @@ def test_a_diverged_recording_is_kept_as_such(problem, tmp_path):
     pair = load_trials(RunFolder(tmp_path))[0]
     assert pair.compared.divergence == comparison.trials[0].divergence
     assert np.isnan(pair.compared.path_simulated).all()
-
-
-# what the trials don't tell
 
 
 class Told(RandomSearch):

@@ -51,16 +51,13 @@ def test_threads_and_what_nobody_is_shown_may_differ_and_a_higher_budget_is_take
     assert folder.settings() == replace(SETTINGS, budget=20)
 
 
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        ({"method": "cma-es"}, 'method was "random" and is now "cma-es"'),
-        ({"seed": 1}, "seed was 0 and is now 1"),
-        ({"hold_out": ()}, 'hold_out was ["f1_00"] and is now []'),
-        ({"horizon": None}, "horizon was 4.0 and is now null"),
-        ({"robot": "x" * 100}, f'robot was "fish" and is now "{"x" * 58}…'),
-    ],
-)
+@pytest.mark.parametrize(("change", "words"), [
+    ({"method": "cma-es"}, 'method was "random" and is now "cma-es"'),
+    ({"seed": 1}, "seed was 0 and is now 1"),
+    ({"hold_out": ()}, 'hold_out was ["f1_00"] and is now []'),
+    ({"horizon": None}, "horizon was 4.0 and is now null"),
+    ({"robot": "x" * 100}, f'robot was "fish" and is now "{"x" * 58}…'),
+])  # fmt: skip
 def test_other_settings_are_refused_by_name(folder, change, words):
     assert f"run '{folder.path}' can't go on: {words}; use the same" in refusal(
         folder.resume, replace(SETTINGS, **change)
@@ -80,16 +77,12 @@ def test_a_folder_without_a_run_is_named(tmp_path):
     assert refusal(folder.settings) == f"'{tmp_path}' is no run folder: it has no settings.json"
 
 
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("{", "can't be read: "),
-        ("[]", "must hold a JSON object"),
-        ('{"format": 2}', "is of another format than 1"),
-        ('{"format": 1}', "'robot' is missing"),
-        (json.dumps({"format": 1, **asdict(SETTINGS), "max_steps": 0}), "max_steps is 0; it must be at least 1"),
-    ],
-)
+@pytest.mark.parametrize(("text", "words"), [
+    ("{", "can't be read: "), ("[]", "must hold a JSON object"),
+    ('{"format": 2}', "is of another format than 1"),
+    ('{"format": 1}', "'robot' is missing"),
+    (json.dumps({"format": 1, **asdict(SETTINGS), "max_steps": 0}), "max_steps is 0; it must be at least 1"),
+])  # fmt: skip
 def test_damaged_settings_are_named(folder, text, words):
     folder.settings_path.write_text(text)
     assert words in refusal(folder.settings)
@@ -123,15 +116,12 @@ def test_a_cut_line_is_not_read_and_can_be_dropped(folder, kept):
     assert record_of(folder) == [line(index) for index in range(kept + 1)]
 
 
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ('{"index": 1, "lo\n', "line 2 is damaged ("),
-        ("[]\n", "line 2"),
-        (json.dumps(line(3)) + "\n", "line 2 has index 3; expected 1"),
-        (json.dumps(line(1, loss=True)) + "\n", "line 2: 'loss' is true"),
-    ],
-)
+@pytest.mark.parametrize(("text", "words"), [
+    ('{"index": 1, "lo\n', "line 2 is damaged ("),
+    ("[]\n", "line 2"),
+    (json.dumps(line(3)) + "\n", "line 2 has index 3; expected 1"),
+    (json.dumps(line(1, loss=True)) + "\n", "line 2: 'loss' is true"),
+])  # fmt: skip
 def test_a_line_that_isnt_the_next_evaluation_is_named(folder, text, words):
     folder.append(line(0))
     with (folder.path / "record.jsonl").open("a") as file:

@@ -32,27 +32,24 @@ def test_a_parameter_reaches_the_model_or_does_not(tmp_path):
 NO_CONTACT = ARM.replace("<option", '<option><flag contact="disable" frictionloss="disable"/></option><option')
 
 
-@pytest.mark.parametrize(
-    ("writes", "model", "says"),
-    [
-        ("body \"upper\" mass", ARM, "body 'upper' has no <inertial>, so its mass comes from its geoms"),
-        ("geom \"rod1\" mass", ARM, "body 'lower' has an <inertial>, which counts instead of geom 'rod1'"),
-        ("geom \"rod0\" fluidcoef[0]", ARM, "geom 'rod0' has no fluidshape=\"ellipsoid\""),
-        ("geom class \"wet\" fluidcoef[0]", ARM.replace('density="1000"', 'density="0"'),
-         "option density is 0, so there is no fluid"),
-        ("geom \"rod1\" friction[0]", ARM.replace('name="rod1"', 'name="rod1" contype="0" conaffinity="0"'),
-         "geom 'rod1' touches nothing, since its contype and conaffinity are 0"),
-        ("geom \"rod1\" friction[0]", NO_CONTACT, "the flag contact of the model's option is off"),
-        ("joint \"link0\" frictionloss", NO_CONTACT, "the flag frictionloss of the model's option is off"),
-        ("joint \"link1\" springref", ARM.replace('stiffness="2"', ""), "joint 'link1' has no stiffness"),
-        ("joint \"link1\" range[1]", ARM, "joint 'link1' has no limits"),
-        ("tendon \"cable\" springlength[1]", ARM.replace('stiffness="40"', ""), "tendon 'cable' has no stiffness"),
-        ("actuator \"torque\" gear[0]", ARM, "no control drives actuator 'torque'"),
-        ("equality \"gear\" polycoef[1]", ARM, "equality 'gear' isn't active"),
-        ("joint \"link0\" damping", ARM, None),
-        ("option density", ARM, None),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("writes", "model", "says"), [
+    ("body \"upper\" mass", ARM, "body 'upper' has no <inertial>, so its mass comes from its geoms"),
+    ("geom \"rod1\" mass", ARM, "body 'lower' has an <inertial>, which counts instead of geom 'rod1'"),
+    ("geom \"rod0\" fluidcoef[0]", ARM, "geom 'rod0' has no fluidshape=\"ellipsoid\""),
+    ("geom class \"wet\" fluidcoef[0]", ARM.replace('density="1000"', 'density="0"'),
+     "option density is 0, so there is no fluid"),
+    ("geom \"rod1\" friction[0]", ARM.replace('name="rod1"', 'name="rod1" contype="0" conaffinity="0"'),
+     "geom 'rod1' touches nothing, since its contype and conaffinity are 0"),
+    ("geom \"rod1\" friction[0]", NO_CONTACT, "the flag contact of the model's option is off"),
+    ("joint \"link0\" frictionloss", NO_CONTACT, "the flag frictionloss of the model's option is off"),
+    ("joint \"link1\" springref", ARM.replace('stiffness="2"', ""), "joint 'link1' has no stiffness"),
+    ("joint \"link1\" range[1]", ARM, "joint 'link1' has no limits"),
+    ("tendon \"cable\" springlength[1]", ARM.replace('stiffness="40"', ""), "tendon 'cable' has no stiffness"),
+    ("actuator \"torque\" gear[0]", ARM, "no control drives actuator 'torque'"),
+    ("equality \"gear\" polycoef[1]", ARM, "equality 'gear' isn't active"),
+    ("joint \"link0\" damping", ARM, None),
+    ("option density", ARM, None),
+])  # fmt: skip
 def test_why_a_parameter_changes_nothing_is_told(tmp_path, writes, model, says):
     place = made(tmp_path, ROBOT, RECORDINGS, parameter(f"'{writes}'", more="value = 1.0"), model=model)
     assert why_no_effect(open_robot_file(place), load_robot(place), "x") == says

@@ -82,9 +82,6 @@ def parameters(tmp_path):
     return write
 
 
-# the program itself
-
-
 def test_the_help_lists_every_command_and_each_explains_itself(program):
     program()
     assert program.code == 2
@@ -148,9 +145,6 @@ def test_a_reader_that_has_gone_is_no_fault(pool_folder):
     program.stderr.close()
 
 
-# evaluate
-
-
 @pytest.fixture
 def published(program, pool_folder):
     return program("evaluate", "published", "--reference", pool_folder, "--json").done().json
@@ -195,9 +189,6 @@ def test_parameters_that_were_found_with_other_physics_are_told(program, paramet
     assert "swim2real: warning: " in program.err
 
 
-# simulate
-
-
 def simulated(program, path: Path, *words: object) -> dict[str, np.ndarray]:
     program("simulate", "published", *words, "--out", path).done()
     assert program.err == ""
@@ -219,9 +210,6 @@ def test_simulate_from_rest_writes_the_promised_arrays(program, tmp_path):
     for start in swims["markers"][:, 0]:
         np.testing.assert_allclose(start - start[0], FISH.rest_markers, atol=1e-9)
     assert np.ptp(swims["markers"][:, :, 8, 1], axis=1).min() > 0.01
-
-
-# calibrate and report
 
 
 def test_calibrate_leaves_a_whole_run(finished, calibration):

@@ -107,13 +107,9 @@ def test_an_interruption_leaves_the_results_of_runs_that_have_ended(program, pen
 @pytest.mark.slow
 def test_runs_that_fail_are_told_together_and_leave_with_1(program, pendulum_folder, tmp_path):
     program(
-        *pendulum(pendulum_folder, tmp_path, "--budget", 2, "--workers", 1),
-        "--methods",
-        "line-search@replay:nowhere",
-        "random",
-        "--seeds",
-        "0:2",
-    )
+        *pendulum(pendulum_folder, tmp_path, "--budget", 2, "--workers", 1), "--methods", "line-search@replay:nowhere",
+        "random", "--seeds", "0:2",
+    )  # fmt: skip
     assert program.code == 1
     _, *lines, last = program.err.splitlines()
     assert len(lines) == 4

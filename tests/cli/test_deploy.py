@@ -157,39 +157,29 @@ def test_json(program, table, motors):
     assert figures["motors"]["head"]["model"] == "XL430-W250"
 
 
-@pytest.mark.parametrize(
-    ("speeds", "words", "code", "sentence"),
-    [
-        ([0.0], [], 2, "give either --port (as /dev/ttyUSB0) or --dry-run"),
-        ([0.0], ["--dry-run", "--port", "x"], 2, "give either --port"),
-        ([0.0], ["--dry-run", "--repeat", "0"], 2, "--repeat is 0; it must be 1 or above"),
-        ([0.0], ["--dry-run", "--baud", "1200"], 2, "1200 baud can't be used"),
-        ([0.0, 8.0], ["--dry-run"], 2, "the command at 0.02 s is 8 rad/s; the limits are -7.29 to 7.29 rad/s"),
-        ([3.0, 2.0], ["--dry-run", "--max-speed", "2.5"], 2, "at 0.00 s is 3 rad/s; the limits are -2.5 to 2.5 rad/s"),
-        ([0.0], ["--port", "/dev/none"], 1, "serial port /dev/none can't be opened (No such file or directory)"),
-        ([0.0], ["--port", "x", "--log", "/none/log.csv"], 2, "can't write log '/none/log.csv': No such file"),
-        ([0.0], ["--dry-run", "--log", "log.csv"], 2, "--log is log.csv, and a dry run sends nothing to log"),
-        (
-            [7.8] * 9,
-            ["--dry-run", "--max-speed", "9"],
-            1,
-            "the table asks motor 1 for 7.8 rad/s; as sold, its Velocity Limit (44) is 304, 7.29 rad/s",
-        ),
-    ],
-)
+@pytest.mark.parametrize(("speeds", "words", "code", "sentence"), [
+    ([0.0], [], 2, "give either --port (as /dev/ttyUSB0) or --dry-run"),
+    ([0.0], ["--dry-run", "--port", "x"], 2, "give either --port"),
+    ([0.0], ["--dry-run", "--repeat", "0"], 2, "--repeat is 0; it must be 1 or above"),
+    ([0.0], ["--dry-run", "--baud", "1200"], 2, "1200 baud can't be used"),
+    ([0.0, 8.0], ["--dry-run"], 2, "the command at 0.02 s is 8 rad/s; the limits are -7.29 to 7.29 rad/s"),
+    ([3.0, 2.0], ["--dry-run", "--max-speed", "2.5"], 2, "at 0.00 s is 3 rad/s; the limits are -2.5 to 2.5 rad/s"),
+    ([0.0], ["--port", "/dev/none"], 1, "serial port /dev/none can't be opened (No such file or directory)"),
+    ([0.0], ["--port", "x", "--log", "/none/log.csv"], 2, "can't write log '/none/log.csv': No such file"),
+    ([0.0], ["--dry-run", "--log", "log.csv"], 2, "--log is log.csv, and a dry run sends nothing to log"),
+    ([7.8] * 9, ["--dry-run", "--max-speed", "9"], 1,
+     "the table asks motor 1 for 7.8 rad/s; as sold, its Velocity Limit (44) is 304, 7.29 rad/s"),
+])  # fmt: skip
 def test_refusals(program, table, speeds, words, code, sentence):
     assert sentence in program("deploy", table(speeds), *words, "--quiet").sentence(code)
 
 
-@pytest.mark.parametrize(
-    ("columns", "words", "sentence"),
-    [
-        ({}, ["--id", "1"], "--id is 1, and --motors is given, whose file says it for each motor"),
-        ({}, ["--approach", "0"], "--approach is 0; it must be finite and above 0, in rad/s"),
-        ({"head_rad": [1.1], "wheel_rad_s": [0]}, [], "head_rad: the command at 0.00 s is 1.1 rad; the limits are -1"),
-        ({"head_rad": [0.0], "winch_m": [0.1]}, [], "the column winch_m is in m; a motor takes speeds in rad/s"),
-    ],
-)
+@pytest.mark.parametrize(("columns", "words", "sentence"), [
+    ({}, ["--id", "1"], "--id is 1, and --motors is given, whose file says it for each motor"),
+    ({}, ["--approach", "0"], "--approach is 0; it must be finite and above 0, in rad/s"),
+    ({"head_rad": [1.1], "wheel_rad_s": [0]}, [], "head_rad: the command at 0.00 s is 1.1 rad; the limits are -1"),
+    ({"head_rad": [0.0], "winch_m": [0.1]}, [], "the column winch_m is in m; a motor takes speeds in rad/s"),
+])  # fmt: skip
 def test_refusals_with_a_motors_file(program, motors, columns, words, sentence):
     assert sentence in program("deploy", *motors(**columns), *words, "--dry-run", "--quiet").sentence(2)
     said = program("deploy", motors()[0], "--dry-run", "--quiet").sentence(2)

@@ -206,19 +206,16 @@ def test_a_trial_that_was_tracked_keeps_its_track(program, reference, words, tmp
     ).sentence(2)
 
 
-@pytest.mark.parametrize(
-    ("options", "code", "says"),
-    [
-        ((), 2, "no columns of the markers pivot, middle, end, and there is no trial 'a'"),
-        (MARKERS, 2, "no column 'torque' for actuator 'torque', so say --controls torque=COLUMN"),
-        ((*MARKERS, *COLUMNS[:2]), 2, "so say --sensors gyro[1]=COLUMN"),
-        ((*MARKERS, "--controls", "torque=cmd_Nm"), 2, "no column 'cmd_Nm' for actuator 'torque'; did you mean"),
-        ((*MARKERS, *COLUMNS[:3], "gyro[1]=cmd_mNm"), 2, "'mNm' is a unit of torque, and 'rad/s' one of angular"),
-        ((*MARKERS[:3], "end=ex", *COLUMNS), 2, "say end=XCOLUMN,YCOLUMN"),
-        ((*MARKERS, *COLUMNS, "--time", "px:s"), 1, "times must rise"),
-        ((*MARKERS, *COLUMNS, "--time", "state"), 1, "line 2, column 10: 'on' is not a number"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("options", "code", "says"), [
+    ((), 2, "no columns of the markers pivot, middle, end, and there is no trial 'a'"),
+    (MARKERS, 2, "no column 'torque' for actuator 'torque', so say --controls torque=COLUMN"),
+    ((*MARKERS, *COLUMNS[:2]), 2, "so say --sensors gyro[1]=COLUMN"),
+    ((*MARKERS, "--controls", "torque=cmd_Nm"), 2, "no column 'cmd_Nm' for actuator 'torque'; did you mean"),
+    ((*MARKERS, *COLUMNS[:3], "gyro[1]=cmd_mNm"), 2, "'mNm' is a unit of torque, and 'rad/s' one of angular"),
+    ((*MARKERS[:3], "end=ex", *COLUMNS), 2, "say end=XCOLUMN,YCOLUMN"),
+    ((*MARKERS, *COLUMNS, "--time", "px:s"), 1, "times must rise"),
+    ((*MARKERS, *COLUMNS, "--time", "state"), 1, "line 2, column 10: 'on' is not a number"),
+])  # fmt: skip
 def test_what_is_wrong_is_told_and_nothing_is_written(program, reference, words, tmp_path, options, code, says):
     write_log(tmp_path / "a.csv", reference["a"])
     assert says in program("import-recording", tmp_path / "a.csv", *words, *options).sentence(code)

@@ -87,16 +87,13 @@ def large(path: Path, size: int, head: bytes = b"time_s,a\n0,1\n") -> Path:
     return path
 
 
-@pytest.mark.parametrize(
-    ("words", "parts"),
-    [
-        (["quality", "large", "--robot", "fish"], "reference.json' can't be read as JSON: it has 1000.0 MB; at most"),
-        (["check", "large/robot.toml"], "it has 1000.0 MB; at most 4 MB are read"),
-        (["import-tracks", "large/swim.csv", "--to", "out", "--fps", "60"], "it has 1000.0 MB; at most 64 MB are read"),
-        (["deploy", "large/swim.csv", "--dry-run"], "it has 1000.0 MB; at most 64 MB are read"),
-        (["evaluate", "large/best.json", "--reference", "large"], "it has 1000.0 MB; at most 32 MB are read"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("words", "parts"), [
+    (["quality", "large", "--robot", "fish"], "reference.json' can't be read as JSON: it has 1000.0 MB; at most"),
+    (["check", "large/robot.toml"], "it has 1000.0 MB; at most 4 MB are read"),
+    (["import-tracks", "large/swim.csv", "--to", "out", "--fps", "60"], "it has 1000.0 MB; at most 64 MB are read"),
+    (["deploy", "large/swim.csv", "--dry-run"], "it has 1000.0 MB; at most 64 MB are read"),
+    (["evaluate", "large/best.json", "--reference", "large"], "it has 1000.0 MB; at most 32 MB are read"),
+])  # fmt: skip
 def test_each_file_has_a_limit(program, tmp_path, monkeypatch, words, parts):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "large").mkdir()

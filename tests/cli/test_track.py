@@ -25,9 +25,6 @@ def words(*shots: Shot, to: Path) -> list[object]:
     return ["track", *(s.video for s in shots), "--to", to, "--markers", *points, "--camera", shots[0].camera]
 
 
-# what is printed and written
-
-
 def test_a_video_becomes_a_reference_with_an_overlay(program, clip, tmp_path):
     to = tmp_path / "reference"
     program(*words(clip, to=to)).done()
@@ -82,9 +79,6 @@ def test_without_points_and_camera_markers_are_found_and_findings_are_told(progr
     assert load_reference(tmp_path).names == ("f1_25",)
 
 
-# a stretch of a film
-
-
 def test_a_stretch_of_a_film_becomes_a_trial_from_time_0(program, clip, tmp_path):
     table = tmp_path / "driven.csv"
     table.write_text("time_s,motor\n0,1\n0.05,2\n0.15,3\n", encoding="utf-8")
@@ -110,9 +104,6 @@ def test_a_stretch_of_a_film_becomes_a_trial_from_time_0(program, clip, tmp_path
     assert load_reference(tmp_path / "reference")["f1_25"].track.frame_count == 4
     late = program(*command[:8], "--from", 0.14)
     assert "were picked in frame 3 of the video; tracking begins with frame 5" in late.err
-
-
-# rates and clocks
 
 
 def test_a_film_of_any_speed_and_its_single_pictures_are_the_same_trial(program, clip, tmp_path):
@@ -188,9 +179,6 @@ def test_cut_makes_shorter_trials_in_another_reference(program, pendulum_folder,
             "--method", "random", "--budget", 1, "--quiet").done()  # fmt: skip
 
 
-# several videos
-
-
 def test_a_bad_video_leaves_the_others_alone_and_leaves_with_1(program, clip, tmp_path):
     bad = tmp_path / "bad.mp4"
     bad.write_text("these are words\n" * 40)
@@ -222,9 +210,6 @@ def test_an_interruption_leaves_no_half_files_and_the_same_command_goes_on(progr
     assert tables(to)["one.csv"] == tables(to)["other.csv"]
 
 
-# pick, import-tracks and the chessboard
-
-
 @pytest.mark.slow
 def test_a_track_in_pixels_can_be_imported_again(program, clip, tmp_path):
     """What `track` writes for other programs is what `import-tracks` reads, and makes the same trial."""
@@ -242,9 +227,6 @@ def test_a_track_in_pixels_can_be_imported_again(program, clip, tmp_path):
     one, other = (load_reference(tmp_path / folder)["f1_25"] for folder in ("one", "other"))
     assert one.meters_per_pixel == other.meters_per_pixel
     assert one.nominal_frequency == other.nominal_frequency == 1.25
-
-
-# the chessboard
 
 
 @pytest.mark.parametrize("ending", ["png", "mp4"])

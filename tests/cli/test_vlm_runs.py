@@ -177,9 +177,6 @@ def test_ctrl_c_while_a_vlm_thinks_leaves_a_run_that_goes_on(words, vlm, tmp_pat
     assert len(record(tmp_path / "run")) == 5
 
 
-# a person in the VLM's place
-
-
 @pytest.mark.slow
 def test_files_step_by_step_on_different_days(program, pendulum_folder, tmp_path):
     run = tmp_path / "run"

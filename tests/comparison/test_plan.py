@@ -46,16 +46,13 @@ def test_every_method_and_the_ablation_can_be_compared():
     assert method_variant("line-search").max_steps == 3
 
 
-@pytest.mark.parametrize(
-    ("name", "says"),
-    [
-        ("no-line-serch", ("no method 'no-line-serch'", "random", "line-search@ADVISOR", "mean 'no-line-search'?")),
-        ("random@physics", ("method random has no advisor", "write 'random'")),
-        ("line-search@oracle", ("advisor is 'oracle'", "replay:RUN", "google:MODEL")),
-        ("line-search@files", ("waits for a person", "'@replay:RUN'")),
-        (f"line-search@replay:{'a' * 1000}", ("there is no method 'line-search@replay",)),
-    ],
-)
+@pytest.mark.parametrize(("name", "says"), [
+    ("no-line-serch", ("no method 'no-line-serch'", "random", "line-search@ADVISOR", "mean 'no-line-search'?")),
+    ("random@physics", ("method random has no advisor", "write 'random'")),
+    ("line-search@oracle", ("advisor is 'oracle'", "replay:RUN", "google:MODEL")),
+    ("line-search@files", ("waits for a person", "'@replay:RUN'")),
+    (f"line-search@replay:{'a' * 1000}", ("there is no method 'line-search@replay",)),
+])  # fmt: skip
 def test_a_method_that_cant_be_compared_is_named(name, says):
     with pytest.raises(ArgumentError) as caught:
         method_variant(name)
@@ -101,23 +98,16 @@ def test_scales_multiply_but_a_protocols_own_is_no_method_of_its_own(pool):
     ]  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    ("changes", "says"),
-    [
-        ({"methods": ("magic",)}, "there is no method 'magic'"),
-        ({"protocols": ("playback",)}, "protocol is 'playback'"),
-        ({"protocols": ("paper",), "start": "rest"}, "start is 'rest', which is for steady swims"),
-        ({"leave_one_out": True}, "leave-one-out needs at least 2 trials; the reference has f1_20"),
-    ],
-    ids=str,
-)
+@pytest.mark.parametrize(("changes", "says"), [
+    ({"methods": ("magic",)}, "there is no method 'magic'"),
+    ({"protocols": ("playback",)}, "protocol is 'playback'"),
+    ({"protocols": ("paper",), "start": "rest"}, "start is 'rest', which is for steady swims"),
+    ({"leave_one_out": True}, "leave-one-out needs at least 2 trials; the reference has f1_20"),
+], ids=str)  # fmt: skip
 def test_what_cant_be_run_is_refused_before_anything_is_written(pool, changes, says):
     one = replace(pool, trials=pool.trials[:1])
     with pytest.raises(ArgumentError, match=says):
         make_plan(replace(BASE, **changes), one, FISH)
-
-
-# plan.json
 
 
 def test_a_plan_is_read_back_as_it_was(plan, tmp_path):
@@ -156,17 +146,13 @@ def test_a_larger_plan_has_all_of_the_earlier_one(plan, caplog):
     assert f"the comparison goes on with other versions: scipy 0.1 → {plan.versions['scipy']}" in caplog.text
 
 
-@pytest.mark.parametrize(
-    ("changes", "says"),
-    [
-        ({"reference": "0" * 64}, r"reference: it was \w{12} \(f1_20, f1_60\) and is now 0{12} "),
-        ({"engine": Engine("mujoco 9.9", "implicit", 0.001, (1.0,))}, "engine: it was .* and is now mujoco 9.9 "),
-        ({"robot": "eel"}, "robot: it was fish and is now eel"),
-        ({"settings": replace(BASE, horizon=2.0)}, r"horizon: it was 4.0 and is now 2.0"),
-        ({"settings": replace(BASE, budget=2)}, "has a budget of 3 evaluations and can't go on with 2"),
-    ],
-    ids=["reference", "engine", "robot", "horizon", "budget"],
-)
+@pytest.mark.parametrize(("changes", "says"), [
+    ({"reference": "0" * 64}, r"reference: it was \w{12} \(f1_20, f1_60\) and is now 0{12} "),
+    ({"engine": Engine("mujoco 9.9", "implicit", 0.001, (1.0,))}, "engine: it was .* and is now mujoco 9.9 "),
+    ({"robot": "eel"}, "robot: it was fish and is now eel"),
+    ({"settings": replace(BASE, horizon=2.0)}, r"horizon: it was 4.0 and is now 2.0"),
+    ({"settings": replace(BASE, budget=2)}, "has a budget of 3 evaluations and can't go on with 2"),
+], ids=["reference", "engine", "robot", "horizon", "budget"])  # fmt: skip
 def test_what_cant_share_a_table_is_refused(plan, changes, says):
     with pytest.raises(RunError, match=rf"{says}.*; use .*, or another folder"):
         replace(plan, **changes).extending(plan)

@@ -85,9 +85,6 @@ def in_a_thread(monkeypatch) -> None:
     monkeypatch.setattr(module, "ProcessPool", lambda workers: ThreadPoolExecutor(1))
 
 
-# what is written
-
-
 def test_a_comparison_is_run_folders_results_and_a_table(finished):
     assert lines(finished) == dict.fromkeys((f"playback/{m}/seed-{s}" for m in sorted(METHODS) for s in (0, 1)), 6)
     written = sorted(path.name for path in finished.iterdir())
@@ -125,9 +122,6 @@ def test_a_run_is_what_calibrate_makes_of_the_same_settings(finished, tmp_path):
     paths = (tmp_path / "alone", finished / "runs/playback/random/seed-1")
     first, second = ([entry["evidence"] for entry in record_of(path)] for path in paths)
     assert first == second
-
-
-# going on
 
 
 def test_the_same_again_only_reads(copy):
@@ -195,9 +189,6 @@ def test_stages_are_planned_by_the_budget_so_they_begin_anew_with_another(pool, 
         assert len(record_of(one.folder)) == RunFolder(one.folder).settings().budget == one.settings.budget
     assert len(record_of(staged[0].folder / "budget-2")) == 2
     assert run_job(staged[1], shared).state == "read"
-
-
-# what goes wrong
 
 
 def test_a_job_that_fails_leaves_the_others_alone_and_is_done_again(copy, in_a_thread):
@@ -270,9 +261,6 @@ def test_other_settings_another_engine_and_faults_end_one_job(work):
     report = run_job(replace(job, settings=replace(job.settings, seed=5)), shared)
     assert report.state == "failed"
     assert report.problem.startswith(f"'{job.folder}' was run with another setting of seed: 0, and now it is 5; ")
-
-
-# a cluster
 
 
 @pytest.mark.slow

@@ -220,19 +220,16 @@ def test_markers_alone_and_of_low_contrast_can_be_filmed():
     assert changed == pytest.approx(3 * area, rel=0.25)
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"width": 641}, "camera width is 641 px; it must be an even number from 16 on"),
-        ({"fps": 0.0}, "camera fps is 0.0 Hz; it must be above 0"),
-        ({"view": np.nan}, "camera view is nan m; it must be above 0"),
-        ({"shutter": 1.2}, "camera shutter is 1.2; it must lie within 0 and 1"),
-        ({"dropped": 1.0}, "camera dropped is 1.0; it must lie within 0 and 0.9"),
-        ({"tilt": (0.0, 0.6)}, "camera tilt is (0.0, 0.6) rad; each angle must lie within -0.5 and 0.5"),
-        ({"center": (0.0, np.inf)}, "camera center is (0.0, inf); it must be two finite numbers (x, y) in m"),
-        ({"body_color": (0, 0, 256)}, "camera body_color is (0, 0, 256); it must be three numbers"),
-    ],
-)
+@pytest.mark.parametrize(("change", "message"), [
+    ({"width": 641}, "camera width is 641 px; it must be an even number from 16 on"),
+    ({"fps": 0.0}, "camera fps is 0.0 Hz; it must be above 0"),
+    ({"view": np.nan}, "camera view is nan m; it must be above 0"),
+    ({"shutter": 1.2}, "camera shutter is 1.2; it must lie within 0 and 1"),
+    ({"dropped": 1.0}, "camera dropped is 1.0; it must lie within 0 and 0.9"),
+    ({"tilt": (0.0, 0.6)}, "camera tilt is (0.0, 0.6) rad; each angle must lie within -0.5 and 0.5"),
+    ({"center": (0.0, np.inf)}, "camera center is (0.0, inf); it must be two finite numbers (x, y) in m"),
+    ({"body_color": (0, 0, 256)}, "camera body_color is (0, 0, 256); it must be three numbers"),
+])  # fmt: skip
 def test_a_camera_that_cannot_be(change, message):
     with pytest.raises(ArgumentError, match=re.escape(message)):
         replace(CAMERA, **change)
@@ -241,19 +238,16 @@ def test_a_camera_that_cannot_be(change, message):
 GAP = MarkerTrack([0, 1], [[[0, 0]], [[np.nan, 0]]])
 
 
-@pytest.mark.parametrize(
-    ("track", "heights", "camera", "options", "message"),
-    [
-        (swim(), [0.0, 0.0], {}, {}, "heights have shape (2,); give 3 finite numbers in m"),
-        (swim(), [0.0, 0.0, 3.0], {}, {}, "a marker is 3 m high and the camera 2.5 m; raise camera_height"),
-        (GAP, [0.0], {}, {}, "only a swim without gaps can be filmed"),
-        (swim(), HEIGHTS, {}, {"body_half_width": -1}, "body_half_width is -1 m; it must be 0, for no body, or more"),
-        (swim(), HEIGHTS, {"glares": (Glare(over=(3,)),)}, {}, "a glare lies over markers (3,); there are markers 0"),
-        (swim(), HEIGHTS, {}, {"links": [(0, 3)]}, "a link joins markers (0, 3); there are markers 0 to 2"),
-        (swim(seconds=0.02), HEIGHTS, {}, {}, "leaves 1 frame at 30 frames per second; at least 2 are needed"),
-        (swim(), HEIGHTS, {}, {"occluder": Occluder(((0, 0), (1, 1)), height=3)}, "the occluder is 3 m high"),
-    ],
-)
+@pytest.mark.parametrize(("track", "heights", "camera", "options", "message"), [
+    (swim(), [0.0, 0.0], {}, {}, "heights have shape (2,); give 3 finite numbers in m"),
+    (swim(), [0.0, 0.0, 3.0], {}, {}, "a marker is 3 m high and the camera 2.5 m; raise camera_height"),
+    (GAP, [0.0], {}, {}, "only a swim without gaps can be filmed"),
+    (swim(), HEIGHTS, {}, {"body_half_width": -1}, "body_half_width is -1 m; it must be 0, for no body, or more"),
+    (swim(), HEIGHTS, {"glares": (Glare(over=(3,)),)}, {}, "a glare lies over markers (3,); there are markers 0"),
+    (swim(), HEIGHTS, {}, {"links": [(0, 3)]}, "a link joins markers (0, 3); there are markers 0 to 2"),
+    (swim(seconds=0.02), HEIGHTS, {}, {}, "leaves 1 frame at 30 frames per second; at least 2 are needed"),
+    (swim(), HEIGHTS, {}, {"occluder": Occluder(((0, 0), (1, 1)), height=3)}, "the occluder is 3 m high"),
+])  # fmt: skip
 def test_things_that_cannot_be_filmed(track, heights, camera, options, message):
     with pytest.raises(ArgumentError, match=re.escape(message)):
         scene(track, heights, replace(CAMERA, **camera), 0, **options)

@@ -86,19 +86,16 @@ def test_runs_that_differ_are_not_put_together(run, reference, tmp_path):
     assert says(said, "can't write ensemble", "No such file")
 
 
-@pytest.mark.parametrize(
-    ("change", "parts"),
-    [
-        (lambda c: "[", ("can't be read as JSON",)),
-        (lambda c: {**c, "kind": "other"}, ("'kind' is \"other\"", "swim2real ensemble writes one")),
-        (lambda c: {**c, "format": 9}, ("'format' is 9", "1")),
-        (lambda c: {**c, "robot": "eel"}, ("robot 'eel'", "'toy'")),
-        (lambda c: {**c, "members": []}, ("'members'", "at least 1")),
-        (lambda c: {**c, "members": [c["members"][0], 3]}, ("'members[1]' is 3", "a table")),
-        (lambda c: moved(c, mass=9.0), ("'mass'", "member 1 is 9", "out of bounds")),
-        (lambda c: moved(c, masses=1.0), ("unknown parameter 'masses'", "did you mean 'mass'?")),
-    ],
-)
+@pytest.mark.parametrize(("change", "parts"), [
+    (lambda c: "[", ("can't be read as JSON",)),
+    (lambda c: {**c, "kind": "other"}, ("'kind' is \"other\"", "swim2real ensemble writes one")),
+    (lambda c: {**c, "format": 9}, ("'format' is 9", "1")),
+    (lambda c: {**c, "robot": "eel"}, ("robot 'eel'", "'toy'")),
+    (lambda c: {**c, "members": []}, ("'members'", "at least 1")),
+    (lambda c: {**c, "members": [c["members"][0], 3]}, ("'members[1]' is 3", "a table")),
+    (lambda c: moved(c, mass=9.0), ("'mass'", "member 1 is 9", "out of bounds")),
+    (lambda c: moved(c, masses=1.0), ("unknown parameter 'masses'", "did you mean 'mass'?")),
+])  # fmt: skip
 def test_the_reader_says_what_is_wrong(made, tmp_path, change, parts):
     path, content = tmp_path / "ensemble.json", change(made)
     path.write_text(content if isinstance(content, str) else json.dumps(content))

@@ -31,14 +31,11 @@ def test_intervals_combinations_and_pairs_are_on_the_page(run):
     assert "Sets that fit, two parameters that compensate for one another" in page
 
 
-@pytest.mark.parametrize(
-    ("change", "sentence"),
-    [
-        ({"complete": False}, ""),
-        ({"format": 1}, "isn't shown: study '"),
-        ({"start": {"point": [0.5] * 4, "loss": 1.0}}, "is from before the run had its best values; begin anew"),
-    ],
-)
+@pytest.mark.parametrize(("change", "sentence"), [
+    ({"complete": False}, ""),
+    ({"format": 1}, "isn't shown: study '"),
+    ({"start": {"point": [0.5] * 4, "loss": 1.0}}, "is from before the run had its best values; begin anew"),
+])  # fmt: skip
 def test_a_study_that_is_not_complete_damaged_or_older_is_left_out(run, change, sentence):
     path = run.path / IDENTIFIABILITY
     whole = path.read_text()

@@ -90,20 +90,17 @@ def test_what_it_answers_to_other_packets_than_writes(bench):
     assert bench.ask(READ, b"\x00") == (ct.LENGTH_ERROR, b"")
 
 
-@pytest.mark.parametrize(
-    ("register", "value", "size", "error"),
-    [
-        (ct.OPERATING_MODE, 17, None, ct.RANGE_ERROR),
-        (ct.GOAL_VELOCITY, 305, None, ct.LIMIT_ERROR),
-        (ct.GOAL_VELOCITY, -305, None, ct.LIMIT_ERROR),
-        (ct.GOAL_VELOCITY, -304, None, 0),
-        (ct.GOAL_VELOCITY, 1, 2, ct.LENGTH_ERROR),
-        (ct.PRESENT_VELOCITY, 1, None, ct.ACCESS_ERROR),
-        (ct.Register("between registers", 105, 1), 1, None, ct.ACCESS_ERROR),
-        (ct.BUS_WATCHDOG, 128, None, ct.RANGE_ERROR),
-        (ct.PROFILE_VELOCITY, 305, None, ct.LIMIT_ERROR),
-    ],
-)
+@pytest.mark.parametrize(("register", "value", "size", "error"), [
+    (ct.OPERATING_MODE, 17, None, ct.RANGE_ERROR),
+    (ct.GOAL_VELOCITY, 305, None, ct.LIMIT_ERROR),
+    (ct.GOAL_VELOCITY, -305, None, ct.LIMIT_ERROR),
+    (ct.GOAL_VELOCITY, -304, None, 0),
+    (ct.GOAL_VELOCITY, 1, 2, ct.LENGTH_ERROR),
+    (ct.PRESENT_VELOCITY, 1, None, ct.ACCESS_ERROR),
+    (ct.Register("between registers", 105, 1), 1, None, ct.ACCESS_ERROR),
+    (ct.BUS_WATCHDOG, 128, None, ct.RANGE_ERROR),
+    (ct.PROFILE_VELOCITY, 305, None, ct.LIMIT_ERROR),
+])  # fmt: skip
 def test_what_it_refuses(bench, register, value, size, error):
     before = bytes(bench.motor._table)
     assert bench.write(register, value, size) == error

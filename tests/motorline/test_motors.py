@@ -92,14 +92,11 @@ def test_a_value_that_looks_like_a_header_arrives(emulated):
     assert emulated.packets[-1][1].parameters == b"\x68\x00\xff\xff\xfd\x00"
 
 
-@pytest.mark.parametrize(
-    ("register", "value", "reason"),
-    [
-        (ct.OPERATING_MODE, 99, "the value is outside the register's range"),
-        (ct.GOAL_VELOCITY, 400, "the value is beyond the motor's own limit"),
-        (ct.PRESENT_VELOCITY, 1, "the register can't be written now (read-only, or locked while torque is on)"),
-    ],
-)
+@pytest.mark.parametrize(("register", "value", "reason"), [
+    (ct.OPERATING_MODE, 99, "the value is outside the register's range"),
+    (ct.GOAL_VELOCITY, 400, "the value is beyond the motor's own limit"),
+    (ct.PRESENT_VELOCITY, 1, "the register can't be written now (read-only, or locked while torque is on)"),
+])  # fmt: skip
 def test_a_refusal_is_a_sentence(emulated, register, value, reason):
     sentence = f"motor 1 on {emulated.port} refused writing {value} to {register}: {reason}"
     with Bus(emulated.port) as bus, pytest.raises(MotorError, match=re.escape(sentence)):
@@ -184,19 +181,16 @@ def test_a_motor_whose_watchdog_had_tripped_is_started(emulated):
         start(bus, then=then)
 
 
-@pytest.mark.parametrize(
-    ("register", "value", "sentence"),
-    [
-        (ct.MAX_POSITION, 2100, "the table asks motor head (id 2) for 0.2994 rad; its own Min and Max Position"),
-        (ct.MIN_POSITION, 2020, "motor head (id 2) is at -0.1012 rad; its own Min and Max Position Limit (52, 48)"),
-        (ct.VELOCITY_LIMIT, 50, "the table asks motor head (id 2) for 1.88 rad/s; its own Velocity Limit (44) is 50"),
-        (ct.FIRMWARE, 37, "motor head (id 2) has firmware 37, without the watchdog that stops it"),
-        (ct.HOMING_OFFSET, 100, "motor head (id 2) has Homing Offset (20) 100; it must be 0"),
-        (ct.HARDWARE_ERROR, 0x24, "reports overheating, overload (Hardware Error Status (70) is 36)"),
-        (ct.DRIVE_MODE, ct.TIME_BASED_PROFILE, "Drive Mode 4, with a time-based profile; switch it"),
-        (ct.MODEL_REGISTER, 1020, "has model number 1020 (XM430-W350), not 1060 (XL430-W250)"),
-    ],
-)
+@pytest.mark.parametrize(("register", "value", "sentence"), [
+    (ct.MAX_POSITION, 2100, "the table asks motor head (id 2) for 0.2994 rad; its own Min and Max Position"),
+    (ct.MIN_POSITION, 2020, "motor head (id 2) is at -0.1012 rad; its own Min and Max Position Limit (52, 48)"),
+    (ct.VELOCITY_LIMIT, 50, "the table asks motor head (id 2) for 1.88 rad/s; its own Velocity Limit (44) is 50"),
+    (ct.FIRMWARE, 37, "motor head (id 2) has firmware 37, without the watchdog that stops it"),
+    (ct.HOMING_OFFSET, 100, "motor head (id 2) has Homing Offset (20) 100; it must be 0"),
+    (ct.HARDWARE_ERROR, 0x24, "reports overheating, overload (Hardware Error Status (70) is 36)"),
+    (ct.DRIVE_MODE, ct.TIME_BASED_PROFILE, "Drive Mode 4, with a time-based profile; switch it"),
+    (ct.MODEL_REGISTER, 1020, "has model number 1020 (XM430-W350), not 1060 (XL430-W250)"),
+])  # fmt: skip
 def test_motors_that_cant_be_started(register, value, sentence):
     table = CommandTable.of({name: [0.0] for name in commands().columns}) if register is ct.MIN_POSITION else commands()
     with three() as emulator, Bus(emulator.port) as bus:

@@ -141,9 +141,6 @@ def test_a_simulation_that_is_too_short_is_refused():
         aligned(swim(REAL_SPEED, 4.0), swim(REAL_SPEED, 4.5))
 
 
-# evidence
-
-
 def test_evidence_goes_through_json_unchanged_and_is_what_the_models_say(pair):
     real, sim = pair
     weights = np.ones((201, 3))
@@ -166,9 +163,6 @@ def test_evidence_tells_the_beat_of_every_marker():
     assert now["amplitude"][2] == pytest.approx(0.06, abs=5e-4)
     # after alignment
     assert [was["phase"][2], now["phase"][2], trial["phase"]] == pytest.approx([0.7] * 3, abs=0.01)
-
-
-# the published tracks
 
 
 def test_the_published_parameters_have_their_known_figures(tracks, new_fluid_law):

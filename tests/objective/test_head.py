@@ -80,15 +80,11 @@ def test_a_head_that_is_lost_for_a_while_is_stepped_over():
     assert head.sway_beat.amplitude == pytest.approx(0.01, rel=0.05)
 
 
-@pytest.mark.parametrize(
-    ("changed", "seen", "says"),
-    [
-        ({"seconds": 1.0}, None, r"its head is seen for 1.00 s, less than a beat of 1.25 s; protocol motion"),
-        ({"jump": 1.2}, None, "its course turns sharply: beside the beat and a steady turn of .* protocol aligned"),
-        ({}, 10, "its head is seen in 10 frames, and protocol motion needs 12"),
-    ],
-    ids=["short", "sharp", "lost"],
-)
+@pytest.mark.parametrize(("changed", "seen", "says"), [
+    ({"seconds": 1.0}, None, r"its head is seen for 1.00 s, less than a beat of 1.25 s; protocol motion"),
+    ({"jump": 1.2}, None, "its course turns sharply: beside the beat and a steady turn of .* protocol aligned"),
+    ({}, 10, "its head is seen in 10 frames, and protocol motion needs 12"),
+], ids=["short", "sharp", "lost"])  # fmt: skip
 def test_a_trial_without_a_path_is_refused_in_a_sentence(changed, seen, says):
     trial = Trial("pool", MarkerTrack(*swim(**changed)))
     weights = np.ones(trial.track.positions.shape[:2])

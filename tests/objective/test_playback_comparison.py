@@ -45,9 +45,6 @@ def told(*trials, horizon=None):
     return json.loads(json.dumps(evidence(Comparison(trials, "playback", horizon)), allow_nan=False))
 
 
-# markers
-
-
 def test_a_recording_of_itself_has_no_error():
     for frame, travels in ((None, False), ((0, 1), False), ((0, 1), True)):
         figures = compared(motion(0.1, 0.4), motion(0.1, 0.4), frame, travels).figures()
@@ -102,9 +99,6 @@ def test_markers_without_weight_dont_count():
     assert framed.loss == pytest.approx(0, abs=1e-12)
 
 
-# sensors
-
-
 def table(values, times=None):
     return Signals(np.linspace(1.0, 5.0, 41) if times is None else times, ("force", "load"), values)
 
@@ -133,22 +127,15 @@ def test_squares_of_the_residual_add_up_to_the_mean_squares(sensed):
     assert np.sum(vector**2) == pytest.approx(0.05**2 + (0.02 * 0.5) ** 2 + 0.001**2)
 
 
-@pytest.mark.parametrize(
-    ("more", "says"),
-    [
-        ({}, "has no sensors"),
-        ({"beside": {"sensors": Signals([2.5], ["load"], [[0.0]])}}, "no column 'force'; there are load"),
-        ({"beside": {"sensors": Signals([0.5], ["force"], [[0.0]])}}, "rows are from 0.5 s to 0.5 s, .* 2 s to 4 s"),
-        ({"beside": {"sensors": table(np.zeros((41, 2)))}, "sensors": table(np.zeros((41, 2)))}, "weren't simulated"),
-    ],
-    ids=["none", "other", "early", "late"],
-)  # fmt: skip
+@pytest.mark.parametrize(("more", "says"), [
+    ({}, "has no sensors"),
+    ({"beside": {"sensors": Signals([2.5], ["load"], [[0.0]])}}, "no column 'force'; there are load"),
+    ({"beside": {"sensors": Signals([0.5], ["force"], [[0.0]])}}, "rows are from 0.5 s to 0.5 s, .* 2 s to 4 s"),
+    ({"beside": {"sensors": table(np.zeros((41, 2)))}, "sensors": table(np.zeros((41, 2)))}, "weren't simulated"),
+], ids=["none", "other", "early", "late"])  # fmt: skip
 def test_sensors_that_cant_be_compared_are_named(more, says):
     with pytest.raises(TrialError, match=rf"^trial 'a'.*{says}"):
         compared(motion(), motion(), worths={"force": 1.0}, **more)
-
-
-# evidence
 
 
 def test_evidence_tells_how_each_marker_moves():

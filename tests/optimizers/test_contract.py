@@ -163,9 +163,6 @@ def test_streams_are_independent_and_repeat():
     assert [stream.random(4).tolist() for stream in streams(np.int64(0))] == [first, optimizer, advisor]
 
 
-# bad input
-
-
 @pytest.mark.parametrize("loss", [np.nan, np.inf, -np.inf])
 @pytest.mark.parametrize("failed", [True, False])
 def test_a_loss_that_is_not_finite_is_refused(loss, failed):

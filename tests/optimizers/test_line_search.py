@@ -28,14 +28,10 @@ def search_of(*advice, **settings) -> BacktrackingLineSearch:
     return BacktrackingLineSearch(ScriptedAdvisor(list(advice)), FIRST, **settings)
 
 
-@pytest.mark.parametrize(
-    ("settings", "sizes"),
-    [
-        ({}, [1, 1 / 2, 1 / 4]),
-        ({"max_steps": 1}, [1]),
-        ({"decrease_factor": 0.1, "max_steps": 4}, [1, 0.1, 0.01, 1e-3]),
-    ],
-)
+@pytest.mark.parametrize(("settings", "sizes"), [
+    ({}, [1, 1 / 2, 1 / 4]), ({"max_steps": 1}, [1]),
+    ({"decrease_factor": 0.1, "max_steps": 4}, [1, 0.1, 0.01, 1e-3]),
+])  # fmt: skip
 def test_steps_along_the_proposal_shrink_until_one_is_better(settings, sizes):
     rejected = search_of(TO, **settings)
     told = feed(rejected, [1.0, *[1.0] * len(sizes)])  # equal is no better
@@ -128,9 +124,6 @@ def test_advice_outside_the_cube_is_refused(advice):
     feed(search, [1.0])
     assert says(refusal(OptimizerError, search.ask), "a point must lie in the unit cube")
     assert says(refusal(OptimizerError, ScriptedAdvisor, [[0.5, 1.5]]), "a point must lie in the unit cube")
-
-
-# measurements
 
 
 def test_measurements_are_evaluated_as_they_are_and_no_steps():

@@ -66,43 +66,34 @@ def test_checked_values_are_floats_in_the_order_of_the_space():
     assert SPACE["arm_length"] is ARM
 
 
-@pytest.mark.parametrize(
-    ("values", "parts"),
-    [
-        ({**GOOD, "drgg": 1.0}, ("'drgg'", "did you mean 'drag'", "in best.json")),
-        ({"drag": 0.4, "stiffness": 0.65}, ("missing parameter in best.json: arm_length",)),
-        ({**GOOD, "drag": float("nan")}, ("'drag'", "nan", "finite", "0 to 10")),
-        ({**GOOD, "drag": 10**400}, ("'drag'", "inf", "finite", "0 to 10")),
-        ({**GOOD, "arm_length": 0.5}, ("'arm_length' in best.json is 0.5", "out of bounds", "0.01 to 0.06 m")),
-        ({**GOOD, "drag": True}, ("'drag'", "true, not a number", "0 to 10")),
-        ({**GOOD, "drag": None}, ("'drag'", "null, not a number")),
-    ],
-)
+@pytest.mark.parametrize(("values", "parts"), [
+    ({**GOOD, "drgg": 1.0}, ("'drgg'", "did you mean 'drag'", "in best.json")),
+    ({"drag": 0.4, "stiffness": 0.65}, ("missing parameter in best.json: arm_length",)),
+    ({**GOOD, "drag": float("nan")}, ("'drag'", "nan", "finite", "0 to 10")),
+    ({**GOOD, "drag": 10**400}, ("'drag'", "inf", "finite", "0 to 10")),
+    ({**GOOD, "arm_length": 0.5}, ("'arm_length' in best.json is 0.5", "out of bounds", "0.01 to 0.06 m")),
+    ({**GOOD, "drag": True}, ("'drag'", "true, not a number", "0 to 10")),
+    ({**GOOD, "drag": None}, ("'drag'", "null, not a number")),
+])  # fmt: skip
 def test_bad_values_are_refused(values, parts):
     assert says(refusal(ParameterError, SPACE.check, values, "best.json"), *parts)
 
 
-@pytest.mark.parametrize(
-    ("point", "parts"),
-    [
-        ([0.5, 0.5], ("3 coordinates", "(2,)")),
-        ([0.5, 0.5, 1.5], ("within 0 and 1", "0.5 to 1.5")),
-        ([np.nan, 0.5, 0.5], ("within 0 and 1", "nan")),
-    ],
-)
+@pytest.mark.parametrize(("point", "parts"), [
+    ([0.5, 0.5], ("3 coordinates", "(2,)")),
+    ([0.5, 0.5, 1.5], ("within 0 and 1", "0.5 to 1.5")),
+    ([np.nan, 0.5, 0.5], ("within 0 and 1", "nan")),
+])  # fmt: skip
 def test_points_outside_the_cube_are_refused(point, parts):
     assert says(refusal(ParameterError, SPACE.to_values, point), *parts)
 
 
-@pytest.mark.parametrize(
-    ("bounds", "offset", "parts"),
-    [
-        ((1.0, 1.0), None, ("'p'", "1 is the upper bound", "give a range")),
-        ((750.0, 30.0), None, ("'p'", "750 is above upper bound 30", "swap")),
-        ((np.nan, 1.0), None, ("'p'", "nan", "finite")),
-        ((-1.0, 1.0), 1.0, ("-1.0 plus log offset 1.0", "above 0")),
-    ],
-)
+@pytest.mark.parametrize(("bounds", "offset", "parts"), [
+    ((1.0, 1.0), None, ("'p'", "1 is the upper bound", "give a range")),
+    ((750.0, 30.0), None, ("'p'", "750 is above upper bound 30", "swap")),
+    ((np.nan, 1.0), None, ("'p'", "nan", "finite")),
+    ((-1.0, 1.0), 1.0, ("-1.0 plus log offset 1.0", "above 0")),
+])  # fmt: skip
 def test_bounds_that_arent_a_range_are_refused(bounds, offset, parts):
     assert says(refusal(ParameterError, Parameter, "p", "-", *bounds, "", 0.0, offset), *parts)
 

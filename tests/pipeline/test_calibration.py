@@ -62,9 +62,6 @@ def test_trials_of_another_robot_are_refused_with_what_to_type(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-# settings
-
-
 @pytest.mark.parametrize(
     ("changes", "parts"),
     [
@@ -80,18 +77,12 @@ def test_wrong_settings_are_named(changes, parts):
     assert says(refusal(ArgumentError, CalibrationSettings, **changes), *parts)
 
 
-# optimizers
-
-
 @pytest.mark.parametrize(("method", "kind"), KINDS.items())
 def test_each_method_has_its_optimizer_which_begins_at_the_first_point_of_the_seed(method, kind):
     optimizer = make_optimizer(CalibrationSettings(method=method, seed=17), FISH, LOGARITHMIC, PHYSICS)
     assert isinstance(optimizer, kind)
     if method != "cma-es":
         np.testing.assert_array_equal(optimizer.ask().point, first_point(len(LOGARITHMIC), 17))
-
-
-# runs
 
 
 def test_stages_run_and_keep_their_plan(pool, tmp_path):

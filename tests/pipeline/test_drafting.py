@@ -166,17 +166,14 @@ def test_a_camera_above_a_hull_that_rolls_asks_for_the_heights_of_markers(begun)
 NAMELESS = '<mujoco><worldbody><body name="arm"><joint/><geom size="1"/>{}</body></worldbody></mujoco>'
 
 
-@pytest.mark.parametrize(
-    ("xml", "error", "says"),
-    [
-        (None, RobotError, r"model '.*p\.xml' is not there; give an MJCF file"),
-        ("<mujoco>", RobotError, r"^MuJoCo can't read model '.*p\.xml': XML parse error"),
-        (NAMELESS.format(""), RobotError, r"no named site.*add a site for each marker .*the bodies are: arm"),
-        (NAMELESS.format('<site name="M0"/>'), RobotError, "nothing that could be calibrated.*name its elements"),
-        (PENDULUM.replace('timestep="0.002"', 'timestep="0.002" gravity="1e9 0 0"'), EngineError,
-         "can't be simulated with its own values"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("xml", "error", "says"), [
+    (None, RobotError, r"model '.*p\.xml' is not there; give an MJCF file"),
+    ("<mujoco>", RobotError, r"^MuJoCo can't read model '.*p\.xml': XML parse error"),
+    (NAMELESS.format(""), RobotError, r"no named site.*add a site for each marker .*the bodies are: arm"),
+    (NAMELESS.format('<site name="M0"/>'), RobotError, "nothing that could be calibrated.*name its elements"),
+    (PENDULUM.replace('timestep="0.002"', 'timestep="0.002" gravity="1e9 0 0"'), EngineError,
+     "can't be simulated with its own values"),
+])  # fmt: skip
 def test_models_that_cannot_be_begun_with_are_told(tmp_path, xml, error, says):
     model = tmp_path / "p.xml"
     if xml is not None:

@@ -42,14 +42,10 @@ def scripted(monkeypatch):
     monkeypatch.setattr(room, "make_advisor", lambda *arguments: ScriptedAdvisor(list(points)))
 
 
-@pytest.mark.parametrize(
-    "method",
-    [
-        "least-squares",
-        "line-search",
-        *(pytest.param(method, marks=pytest.mark.slow) for method in ("random", "cma-es", "bayesopt", "mujoco-sysid")),
-    ],
-)
+@pytest.mark.parametrize("method", [
+    "least-squares", "line-search",
+    *(pytest.param(method, marks=pytest.mark.slow) for method in ("random", "cma-es", "bayesopt", "mujoco-sysid")),
+])  # fmt: skip
 def test_every_method_runs_and_goes_on(method, reference, tmp_path, scripted):
     calibrate(reference, FLOATER, settings(method, 8), tmp_path / "whole")
     calibrate(reference, FLOATER, settings(method, 5), tmp_path / "parts")
@@ -92,9 +88,6 @@ def test_a_film_of_what_the_robot_cannot_do_ends_by_saying_so_and_what_is_worst(
     *_, last = standing(run.record(), run.settings(), run.outcome(), replace(PENDULUM.space, scale="log"))
     assert last.startswith("no parameters of this robot explain the trials: 3 descents agree so far above the noise")
     assert re.search(rf"worst is trial '{second.name}', most by its markers, which adds \d+\.\d mm", last)
-
-
-# where a run begins
 
 
 def first_values(path) -> dict[str, float]:

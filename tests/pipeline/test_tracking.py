@@ -65,9 +65,6 @@ def done(shot, tmp_path_factory) -> Path:
     return folder
 
 
-# what is written
-
-
 def test_a_film_becomes_a_trial_in_meters(shot, done):
     trial = load_reference(done)["f1_50"]
     assert trial.track.frame_count == 37
@@ -127,9 +124,6 @@ def test_a_marker_that_is_hidden_is_lost_there_and_nowhere_else(tmp_path):
     assert {line[:13] for line in found.report.findings} >= {f"M{m} is lost in" for m in (4, 5, 7)}
 
 
-# other ways to track
-
-
 @pytest.mark.usefixtures("quick_tracker")
 def test_the_frequency_is_the_arguments_or_the_names(clip, tmp_path):
     for name, frequency, nominal in (("f1_50", 1.4, 1.4), ("f0_00", None, None)):
@@ -139,9 +133,6 @@ def test_the_frequency_is_the_arguments_or_the_names(clip, tmp_path):
         with pytest.raises(ArgumentError, match=f"frequency is {wrong:g} Hz; it must be finite and above 0"):
             tracked(clip, tmp_path / "other", frequency=wrong)
     assert not (tmp_path / "other").exists()
-
-
-# going on
 
 
 def test_a_film_that_is_done_isnt_tracked_again(shot, done):
@@ -227,9 +218,6 @@ def test_an_interruption_leaves_no_half_files(shot, tmp_path):
     with pytest.raises(KeyboardInterrupt):
         tracked(shot, tmp_path / "reference", TrackingSettings(), on_progress=interrupt)
     assert contents(tmp_path / "reference") == {}
-
-
-# several videos
 
 
 def films(*shots: Shot, **options):

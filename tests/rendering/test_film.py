@@ -23,15 +23,11 @@ def film(tmp_path_factory):
     return path
 
 
-@pytest.mark.parametrize(
-    ("fps", "options", "levels"),
-    [
-        (10, {}, [0, 2, 4, 5, 6, 7]),
-        (10, {"seconds": 0.2}, [0, 2, 4]),
-        (40, {"seconds": 0.1}, [0, 0, 1, 1, 2]),
-        (10, {"seconds": 0.2, "start": 0.1}, [2, 4, 5]),
-    ],
-)
+@pytest.mark.parametrize(("fps", "options", "levels"), [
+    (10, {}, [0, 2, 4, 5, 6, 7]), (10, {"seconds": 0.2}, [0, 2, 4]),
+    (40, {"seconds": 0.1}, [0, 0, 1, 1, 2]),
+    (10, {"seconds": 0.2, "start": 0.1}, [2, 4, 5]),
+])  # fmt: skip
 def test_a_film_is_copied_upright_at_the_nearest_frames(film, tmp_path, fps, options, levels):
     film_clip(film, tmp_path / "copy.mp4", fps, 320, **options)
     with VideoReader(tmp_path / "copy.mp4") as reader:
@@ -70,19 +66,16 @@ def test_frames_of_a_film_end_with_it(film):
     np.testing.assert_allclose(times, [0.0, 0.5, 0.5], atol=1e-4)
 
 
-@pytest.mark.parametrize(
-    ("call", "words"),
-    [
-        (lambda film, path: film_clip(film, path, NAN), "fps is nan"),
-        (lambda film, path: film_clip(film, path, 10, 62), "width is 62 px"),
-        (lambda film, path: film_clip(film, path, 10, 64, -1), "seconds is -1"),
-        (lambda film, path: film_clip(film, path, 10, start=9), "ends before start, 9 s"),
-        (lambda film, path: film_clip(film, film, 10), "would replace it"),
-        (lambda film, path: list(film_frames(film, [0.2, 0.1], 64)), "0.1 s"),
-        (lambda film, path: film_sheet(film, [7.0, 8.0], 2, 160), "none of the 2 times"),
-        (lambda film, path: film_clip(path.with_name("nothing.mp4"), path, 10), "nothing"),
-    ],
-)
+@pytest.mark.parametrize(("call", "words"), [
+    (lambda film, path: film_clip(film, path, NAN), "fps is nan"),
+    (lambda film, path: film_clip(film, path, 10, 62), "width is 62 px"),
+    (lambda film, path: film_clip(film, path, 10, 64, -1), "seconds is -1"),
+    (lambda film, path: film_clip(film, path, 10, start=9), "ends before start, 9 s"),
+    (lambda film, path: film_clip(film, film, 10), "would replace it"),
+    (lambda film, path: list(film_frames(film, [0.2, 0.1], 64)), "0.1 s"),
+    (lambda film, path: film_sheet(film, [7.0, 8.0], 2, 160), "none of the 2 times"),
+    (lambda film, path: film_clip(path.with_name("nothing.mp4"), path, 10), "nothing"),
+])  # fmt: skip
 def test_what_is_not_allowed_is_refused_and_leaves_nothing(film, tmp_path, call, words):
     with pytest.raises((ArgumentError, VideoError), match=words):
         call(film, tmp_path / "no.mp4")

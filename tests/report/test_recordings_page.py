@@ -89,13 +89,8 @@ def test_a_run_with_a_sensor_shows_all_that_there_is_and_no_word_of_what_it_hasn
 def test_a_robot_that_travels_shows_speed_heading_and_shape(floater: Path) -> None:
     shown = page_of(floater, FLOATER)
     words = (
-        "the frame of nose and neck",
-        "velocity_error",
-        "heading_error",
-        "shape_error",
-        "Real speed (mm/s)",
-        "1.60",
-    )
+        "the frame of nose and neck", "velocity_error", "heading_error", "shape_error", "Real speed (mm/s)", "1.60",
+    )  # fmt: skip
     assert missing(words, shown) == []
     assert "Playback error" not in shown  # without sensors it is the marker error
     assert "ensor" not in shown

@@ -94,14 +94,11 @@ def without_swims(run: Run) -> None:
     (run.path / "trials.npz").unlink()
 
 
-@pytest.mark.parametrize(
-    ("damage", "says"),
-    [
-        (unfinished, ("This run has not ended: 7 of 7 evaluations are on record", "--resume")),
-        (gone_on, ("has found better parameters since",)),
-        (without_swims, ("has no trials.npz",)),
-    ],
-)
+@pytest.mark.parametrize(("damage", "says"), [
+    (unfinished, ("This run has not ended: 7 of 7 evaluations are on record", "--resume")),
+    (gone_on, ("has found better parameters since",)),
+    (without_swims, ("has no trials.npz",)),
+])  # fmt: skip
 def test_what_is_missing_is_said_and_the_rest_is_shown(run: Run, damage, says: tuple[str, ...]) -> None:
     damage(run)
     shown = visible(page_of(run))

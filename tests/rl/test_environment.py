@@ -101,23 +101,20 @@ def test_an_ensemble_draws_a_set_for_every_episode():
         env.reset(options={"member": 2})
 
 
-@pytest.mark.parametrize(
-    ("wanted", "sentence"),
-    [
-        (lambda: rl.make_env("backward"), "no task 'backward'; there are forward, target, paper-target"),
-        (lambda: rl.make_env("python:nowhere.py:Task"), "can't be imported: FileNotFou"),
-        (lambda: rl.make_env("forward", []), "0 parameter sets"),
-        (lambda: rl.make_env("forward", seconds=0.01), r"0\.01 s .* at least 0\.02"),
-        (lambda: rl.make_env("target", stage=4), "no stage 4; this task has 1, 2, 3"),
-        (lambda: rl.make_env("forward").step(GO), "call reset before step"),
-        (lambda: rl.make_environments("forward", None, 0), "0 environments"),
-        (lambda: rl.Disturbances((1.0, 0.0)), "phase is 1 to 0 rad"),
-        (lambda: rl.Disturbances(current=(3.0, 0.0)), r"current is \(3.0, 0.0\) m/s"),
-        (lambda: rl.Disturbances(tendon_friction=1.0), "friction is 1"),
-        (lambda: rl.StateEstimate(noise=-1.0), "-1 m"),
-        (lambda: rl.StateEstimate(delay=-1), "delay is -1"),
-    ],
-)
+@pytest.mark.parametrize(("wanted", "sentence"), [
+    (lambda: rl.make_env("backward"), "no task 'backward'; there are forward, target, paper-target"),
+    (lambda: rl.make_env("python:nowhere.py:Task"), "can't be imported: FileNotFou"),
+    (lambda: rl.make_env("forward", []), "0 parameter sets"),
+    (lambda: rl.make_env("forward", seconds=0.01), r"0\.01 s .* at least 0\.02"),
+    (lambda: rl.make_env("target", stage=4), "no stage 4; this task has 1, 2, 3"),
+    (lambda: rl.make_env("forward").step(GO), "call reset before step"),
+    (lambda: rl.make_environments("forward", None, 0), "0 environments"),
+    (lambda: rl.Disturbances((1.0, 0.0)), "phase is 1 to 0 rad"),
+    (lambda: rl.Disturbances(current=(3.0, 0.0)), r"current is \(3.0, 0.0\) m/s"),
+    (lambda: rl.Disturbances(tendon_friction=1.0), "friction is 1"),
+    (lambda: rl.StateEstimate(noise=-1.0), "-1 m"),
+    (lambda: rl.StateEstimate(delay=-1), "delay is -1"),
+])  # fmt: skip
 def test_what_is_not_there(wanted, sentence):
     with pytest.raises(ArgumentError, match=sentence):
         wanted()

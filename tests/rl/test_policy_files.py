@@ -57,17 +57,14 @@ def test_no_pickle_runs(folder, tmp_path):
     assert not (tmp_path / "it-ran").exists()
 
 
-@pytest.mark.parametrize(
-    ("change", "said"),
-    [
-        (lambda a: a.pop("mean.bias"), "its array 'mean.bias' is missing"),
-        (lambda a: a.update({"mean.bias": a["mean.bias"].astype(float)}), "must have finite numbers of type float32"),
-        (lambda a: a["mean.weight"].fill(np.nan), "must have finite numbers of type float32"),
-        (lambda a: a.update({"mean.bias": np.zeros(2, np.float32)}), "'mean' has the shapes (8, 1) and (2,)"),
-        (lambda a: a.update({"hidden0.weight": np.zeros((52, 7), np.float32)}), "'hidden0' has the shapes"),
-        (lambda a: a.update({"log_std.weight": np.zeros((7, 1), np.float32)}), "don't fit one another"),
-    ],
-)
+@pytest.mark.parametrize(("change", "said"), [
+    (lambda a: a.pop("mean.bias"), "its array 'mean.bias' is missing"),
+    (lambda a: a.update({"mean.bias": a["mean.bias"].astype(float)}), "must have finite numbers of type float32"),
+    (lambda a: a["mean.weight"].fill(np.nan), "must have finite numbers of type float32"),
+    (lambda a: a.update({"mean.bias": np.zeros(2, np.float32)}), "'mean' has the shapes (8, 1) and (2,)"),
+    (lambda a: a.update({"hidden0.weight": np.zeros((52, 7), np.float32)}), "'hidden0' has the shapes"),
+    (lambda a: a.update({"log_std.weight": np.zeros((7, 1), np.float32)}), "don't fit one another"),
+])  # fmt: skip
 def test_an_array_that_is_wrong_is_named(folder, change, said):
     with np.load(folder / "best.npz") as stored:
         arrays = dict(stored)

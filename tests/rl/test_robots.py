@@ -149,28 +149,17 @@ def test_a_package_offers_a_task_by_an_entry_point(finger, package):
         rl.make_env("grasp", robot=finger)
 
 
-@pytest.mark.parametrize(
-    ("offers", "code", "sentence"),
-    [
-        (
-            "odd = gone_module:Task",
-            "",
-            "of package 'strange' as 'gone_module:Task' can't be imported: Modul",
-        ),
-        ("odd = 3:::4", "", "as '3:::4' can't be imported: "),
-        ("odd = odd_code:Task", "raise OSError('x' * 10_000)", "can't be imported: OSError: xxx"),
-        ("odd = odd_code:Task", "import sys; sys.exit(0)", "can't be imported: SystemExit: 0"),
-        (
-            "odd = odd_code:Task",
-            "class Task: observes = ()",
-            "it lacks adds, needs_frame, stages, begin",
-        ),
-        ("odd = odd_code:Task", "Task = 3", "must be a class"),
-        ("odd = a:B\nodd = c:D", "", "'odd' is offered by package 'strange' as 'a:B' and package 'strange' as 'c:D'"),
-        ("odd\u202e = a:B", "", r"'odd\\u202e' .* has the character U\+202E"),
-        ("no entry point", "", "the entry points of package 'strange-1.0' can't be read"),
-    ],
-)
+@pytest.mark.parametrize(("offers", "code", "sentence"), [
+    ("odd = gone_module:Task", "", "of package 'strange' as 'gone_module:Task' can't be imported: Modul"),
+    ("odd = 3:::4", "", "as '3:::4' can't be imported: "),
+    ("odd = odd_code:Task", "raise OSError('x' * 10_000)", "can't be imported: OSError: xxx"),
+    ("odd = odd_code:Task", "import sys; sys.exit(0)", "can't be imported: SystemExit: 0"),
+    ("odd = odd_code:Task", "class Task: observes = ()", "it lacks adds, needs_frame, stages, begin"),
+    ("odd = odd_code:Task", "Task = 3", "must be a class"),
+    ("odd = a:B\nodd = c:D", "", "'odd' is offered by package 'strange' as 'a:B' and package 'strange' as 'c:D'"),
+    ("odd\u202e = a:B", "", r"'odd\\u202e' .* has the character U\+202E"),
+    ("no entry point", "", "the entry points of package 'strange-1.0' can't be read"),
+])  # fmt: skip
 def test_what_is_wrong_with_a_packages_task_is_told_when_it_is_asked_for(offers, code, sentence, package):
     package("mine", "reach = reaching_tasks:Reach", reaching_tasks=(EXAMPLES / "finger/reach.py").read_text())
     package("strange", f"{offers}\nforward = odd_code:Forward", odd_code=code)

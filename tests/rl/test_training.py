@@ -174,25 +174,22 @@ def halved(path):
     path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
 
 
-@pytest.mark.parametrize(
-    ("file", "change"),
-    [
-        *((name, halved) for name in ("replay.npz", "networks.npz", "episodes.npz", "state.json")),
-        ("networks.npz", changed("actor/mu.bias", lambda a: a[:0])),
-        ("networks.npz", changed("actor_optimizer/0/exp_avg", lambda a: a[:0])),
-        ("networks.npz", changed("random", lambda a: a[:10])),
-        ("networks.npz", lambda path: np.savez(path, **{"actor/mu.bias": np.zeros(1, np.float32)})),
-        ("replay.npz", changed("actions", lambda a: a[:, :1])),
-        ("replay.npz", changed("pos", lambda a: np.array(10**9))),
-        ("episodes.npz", changed("physics", lambda a: a[:, :3])),
-        ("episodes.npz", changed("members", lambda a: a + 5)),
-        ("state.json", lambda path: path.write_text("[]")),
-        ("state.json", lambda path: path.write_bytes(path.read_bytes() + b"\xff")),
-        ("state.json", replaced('"step": 600', '"step": 200')),
-        ("state.json", replaced('"PCG64"', '"MT19937"')),
-        ("state.json", replaced('"recent": []', '"recent": [{}]')),
-    ],
-)
+@pytest.mark.parametrize(("file", "change"), [
+    *((name, halved) for name in ("replay.npz", "networks.npz", "episodes.npz", "state.json")),
+    ("networks.npz", changed("actor/mu.bias", lambda a: a[:0])),
+    ("networks.npz", changed("actor_optimizer/0/exp_avg", lambda a: a[:0])),
+    ("networks.npz", changed("random", lambda a: a[:10])),
+    ("networks.npz", lambda path: np.savez(path, **{"actor/mu.bias": np.zeros(1, np.float32)})),
+    ("replay.npz", changed("actions", lambda a: a[:, :1])),
+    ("replay.npz", changed("pos", lambda a: np.array(10**9))),
+    ("episodes.npz", changed("physics", lambda a: a[:, :3])),
+    ("episodes.npz", changed("members", lambda a: a + 5)),
+    ("state.json", lambda path: path.write_text("[]")),
+    ("state.json", lambda path: path.write_bytes(path.read_bytes() + b"\xff")),
+    ("state.json", replaced('"step": 600', '"step": 200')),
+    ("state.json", replaced('"PCG64"', '"MT19937"')),
+    ("state.json", replaced('"recent": []', '"recent": [{}]')),
+])  # fmt: skip
 def test_a_damaged_or_foreign_checkpoint_is_a_sentence(checkpoint, tmp_path, file, change):
     change(checkpoint / file)
     with pytest.raises(RunError, match=r"step-000000600' is damaged: .{2,100}; remove it to go on from an older one"):

@@ -50,9 +50,6 @@ def refused(place) -> str:
     return refusal(RobotError, load_robot, place, allow_code=True)
 
 
-# what a file says
-
-
 def test_a_small_file_makes_a_robot(tmp_path):
     place = made(tmp_path, *WHOLE)
     robot = load_robot(place)
@@ -94,14 +91,11 @@ def test_building_leaves_no_trace_and_tracking_takes_the_lengths_that_parameters
     np.testing.assert_allclose(tracked.rest_markers[:, 0], [0, 0.1, 0.4])
 
 
-@pytest.mark.parametrize(
-    ("camera", "plane", "rest", "heights"),
-    [
-        ("above", (0, 1), [[0, 0], [1, 2]], [0, 3]),
-        ("side", (0, 2), [[0, 0], [1, 3]], [0, -2]),
-        ("front", (1, 2), [[0, 0], [2, 3]], [0, 1]),
-    ],
-)
+@pytest.mark.parametrize(("camera", "plane", "rest", "heights"), [
+    ("above", (0, 1), [[0, 0], [1, 2]], [0, 3]),
+    ("side", (0, 2), [[0, 0], [1, 3]], [0, -2]),
+    ("front", (1, 2), [[0, 0], [2, 3]], [0, 1]),
+])  # fmt: skip
 def test_the_camera_decides_the_plane(tmp_path, camera, plane, rest, heights):
     model = ARM.replace('<site name="tip" pos="0.1 0 0"/>', '<site name="tip" pos="0.9 2 3"/>')
     text = ROBOT.replace('"side"', f'"{camera}"').replace('"elbow", ', "")
@@ -146,22 +140,16 @@ def test_controls_sensors_start_and_frame_of_recordings(tmp_path):
     assert (recordings.start, recordings.frame, recordings.score_progress) == ("up", (0, 2), True)
 
 
-@pytest.mark.parametrize(
-    ("said", "factor", "turn", "wraps"),
-    [
-        ("unit = 'deg'", 180 / np.pi, 360.0, False),
-        ("unit = 'mrad'", 1e3, 2e3 * np.pi, False),
-        ("unit = 'rev', range = [0, 1]", 0.5 / np.pi, 1.0, True),
-        ("range = [-2048, 2047]", 1.0, 4095.0, True),
-    ],
-)
+@pytest.mark.parametrize(("said", "factor", "turn", "wraps"), [
+    ("unit = 'deg'", 180 / np.pi, 360.0, False),
+    ("unit = 'mrad'", 1e3, 2e3 * np.pi, False),
+    ("unit = 'rev', range = [0, 1]", 0.5 / np.pi, 1.0, True),
+    ("range = [-2048, 2047]", 1.0, 4095.0, True),
+])  # fmt: skip
 def test_a_unit_converts_and_a_range_is_a_turn(tmp_path, said, factor, turn, wraps):
     text = RECORDINGS + f"[recordings.sensors]\nangle = {{{said}, meters_per_unit = 0.1}}\n"
     (sensor,) = load_robot(made(tmp_path, ROBOT, text, DAMPING)).recordings.sensors
     assert (sensor.factor, sensor.turn, sensor.wraps) == (pytest.approx(factor), pytest.approx(turn), wraps)
-
-
-# what parameters write
 
 
 def test_one_value_goes_to_several_places_each_in_its_own_way(tmp_path):
@@ -216,9 +204,6 @@ def test_a_model_may_come_from_a_function_beside_the_file_with_hooks_of_its_own(
         assert robot.build({"x": 0.5}).compile().dof_armature[2] == 0.5
 
 
-# what tracking takes
-
-
 def test_no_parameter_and_no_hook_keeps_a_robot_from_being_tracked(tmp_path):
     hooks = 'response = "python:nowhere:answer"\n'
     policy = '[policy.actuators]\nwinch = {lower = 0, upper = 1, rate = 1, unit = "m"}\n'
@@ -253,9 +238,6 @@ def test_where_a_value_keeps_the_model_from_compiling_the_models_own_count(tmp_p
     assert says(refusal(RobotError, load_robot, wrong, markers_only=True), "'markers' is 'thumb'", "a site")
 
 
-# files that extend others
-
-
 def test_a_file_takes_over_what_it_does_not_say(tmp_path):
     text = SWIMMING.replace('"arm.xml"', '"python:robot.py:model"')
     hook = 'response = "python:robot.py:answer"\n'
@@ -282,9 +264,6 @@ def test_a_file_takes_over_what_it_does_not_say(tmp_path):
         assert "can't be read as TOML: " in refused(place)
 
 
-# robots by name
-
-
 def test_robots_are_found_by_name_or_file(tmp_path):
     place = made(tmp_path, *WHOLE)
     assert load_robot(place).name == load_robot(str(place)).name == "arm"
@@ -297,50 +276,44 @@ def test_robots_are_found_by_name_or_file(tmp_path):
     assert robot_file("other.toml").name == "other.toml"
 
 
-# what is refused
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "parts"),
-    [
-        ("format = 1", "format = 2", ["'format' is 2", "must be 1"]),
-        ('"side"', '"below"', ["'camera' is \"below\"", "'above', 'side' or 'front'"]),
-        ('name = "arm"', 'name = " "', ["'name'", "blank"]),
-        ('"arm.xml"', '"leg.xml"', ["FOLDER/leg.xml' is not there", "give the MJCF file's path"]),
-        ('"arm.xml"', '"arm.toml"', ["MuJoCo can't read model 'FOLDER/arm.toml'"]),
-        ('"arm.xml"', '"python:arm"', ["'model' is 'python:arm'", "python:MODULE:FUNCTION"]),
-        ('"tip"]', '"toe"]', ["'markers' is 'toe'", "base, elbow, tip"]),
-        ('"tip"]', '"base"]', ["'markers' has 'base' twice"]),
-        ('["base", "elbow", "tip"]', "[]", ["there are neither 'markers' nor [recordings.sensors]"]),
-        ('"tip"]', '{site = "tip", rest = [1, "2"]}]', ["'markers[2].rest[1]' is \"2\"", "a number"]),
-        ('"tip"]', '"tip"]\nlinks = [["tip", "toe"]]', ["'links' is 'toe'", "base, elbow, tip"]),
-        ("[recordings]", "", ["[recordings]", "[swims]", "neither"]),
-        ("[recordings]", SWIMS + "[recordings]", ["[recordings]", "[swims]", "both"]),
-        ("[recordings]", '[recordings]\nstart = "left"', ["'start' is 'left'", "rest, markers, fitted, up, down"]),
-        ("[recordings]", '[recordings]\nframe = ["tip", "tip"]', ["'frame'", "two different markers"]),
-        ("[recordings]", "[recordings]\nscore_progress = true", ["'score_progress'", "needs 'frame'"]),
-        ("[recordings]", '[recordings.controls]\nmoter = "table"', ["'moter'", "servo, motor, torque, damped, law"]),
-        ("[recordings]", '[recordings.controls]\nmotor = "tables"', ["'recordings.controls.motor' is \"tables\"",
-                                                                      "'interpolated table' or 'frequency'"]),
-        ("[recordings]", "[recordings.sensors]\nload = {meters_per_unit = 1}", ["no sensor 'load'", "angle, imu"]),
-        ("[recordings]", "[recordings.sensors]\nimu = {meters_per_unit = 1}", ["'imu' has 3", '"imu[0]" to "imu[2]"']),
-        ("[recordings]", "[recordings.sensors]\nangle = {unit = 'V', meters_per_unit = 1}",
-         ["'unit' of sensor 'angle' is 'V'", "in rad", "rev, deg, °, rad, mrad"]),
-        ("[recordings]", "[recordings.sensors]\nangle = {range = [360, 0], meters_per_unit = 1}",
-         ["angle.range': it is [360.0, 0.0]", "below the second"]),
-        (DAMPING, DAMPING * 2, ["two parameters are named 'damping'"]),
-        ("meaning", "meanings", ["parameter 'damping'", "'meanings'", "did you mean 'meaning'?"]) ,
-        ("upper = 1.0", "upper = 0.02\nvalue = 0.03", ["'damping' is 0.03", "0.001 to 0.02 N·m·s/rad"]),
-        ("upper = 1.0", "upper = 1e-4", ["parameter 'damping'", "0.001 is above upper bound 0.0001", "swap them"]),
-        ("lower = 1e-3", "lower = 0", ["lower bound 0.0 plus log offset 0.0 must be above 0"]),
-        ("lower = 1e-3", "lower = -1", ["-1 would write -1 to joint \"link*\" damping", "change the bound"]),
-        ("'joint \"link*\" damping'", "{to = 'option density', factor = 0}", ["'factor' is 0", "changes nothing"]),
-        ("link*", "leg", ["parameter 'damping'", "no joint 'leg'", "link0, link1"]),
-        ("joint \"link*\" damping", 'geom "rod1" mass', ["sets no number there", "value = …"]),
-        ("joint \"link*\" damping", 'joint "link*" stiffness', ["several numbers there (2, 3)", "value = …"]),
-        ("joint \"link*\" damping", 'joint "link0" range[1]', ["'damping' is 60", "the model's own value"]),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("old", "new", "parts"), [
+    ("format = 1", "format = 2", ["'format' is 2", "must be 1"]),
+    ('"side"', '"below"', ["'camera' is \"below\"", "'above', 'side' or 'front'"]),
+    ('name = "arm"', 'name = " "', ["'name'", "blank"]),
+    ('"arm.xml"', '"leg.xml"', ["FOLDER/leg.xml' is not there", "give the MJCF file's path"]),
+    ('"arm.xml"', '"arm.toml"', ["MuJoCo can't read model 'FOLDER/arm.toml'"]),
+    ('"arm.xml"', '"python:arm"', ["'model' is 'python:arm'", "python:MODULE:FUNCTION"]),
+    ('"tip"]', '"toe"]', ["'markers' is 'toe'", "base, elbow, tip"]),
+    ('"tip"]', '"base"]', ["'markers' has 'base' twice"]),
+    ('["base", "elbow", "tip"]', "[]", ["there are neither 'markers' nor [recordings.sensors]"]),
+    ('"tip"]', '{site = "tip", rest = [1, "2"]}]', ["'markers[2].rest[1]' is \"2\"", "a number"]),
+    ('"tip"]', '"tip"]\nlinks = [["tip", "toe"]]', ["'links' is 'toe'", "base, elbow, tip"]),
+    ("[recordings]", "", ["[recordings]", "[swims]", "neither"]),
+    ("[recordings]", SWIMS + "[recordings]", ["[recordings]", "[swims]", "both"]),
+    ("[recordings]", '[recordings]\nstart = "left"', ["'start' is 'left'", "rest, markers, fitted, up, down"]),
+    ("[recordings]", '[recordings]\nframe = ["tip", "tip"]', ["'frame'", "two different markers"]),
+    ("[recordings]", "[recordings]\nscore_progress = true", ["'score_progress'", "needs 'frame'"]),
+    ("[recordings]", '[recordings.controls]\nmoter = "table"', ["'moter'", "servo, motor, torque, damped, law"]),
+    ("[recordings]", '[recordings.controls]\nmotor = "tables"',
+     ["'recordings.controls.motor' is \"tables\"", "'interpolated table' or 'frequency'"]),
+    ("[recordings]", "[recordings.sensors]\nload = {meters_per_unit = 1}", ["no sensor 'load'", "angle, imu"]),
+    ("[recordings]", "[recordings.sensors]\nimu = {meters_per_unit = 1}", ["'imu' has 3", '"imu[0]" to "imu[2]"']),
+    ("[recordings]", "[recordings.sensors]\nangle = {unit = 'V', meters_per_unit = 1}",
+     ["'unit' of sensor 'angle' is 'V'", "in rad", "rev, deg, °, rad, mrad"]),
+    ("[recordings]", "[recordings.sensors]\nangle = {range = [360, 0], meters_per_unit = 1}",
+     ["angle.range': it is [360.0, 0.0]", "below the second"]),
+    (DAMPING, DAMPING * 2, ["two parameters are named 'damping'"]),
+    ("meaning", "meanings", ["parameter 'damping'", "'meanings'", "did you mean 'meaning'?"]),
+    ("upper = 1.0", "upper = 0.02\nvalue = 0.03", ["'damping' is 0.03", "0.001 to 0.02 N·m·s/rad"]),
+    ("upper = 1.0", "upper = 1e-4", ["parameter 'damping'", "0.001 is above upper bound 0.0001", "swap them"]),
+    ("lower = 1e-3", "lower = 0", ["lower bound 0.0 plus log offset 0.0 must be above 0"]),
+    ("lower = 1e-3", "lower = -1", ["-1 would write -1 to joint \"link*\" damping", "change the bound"]),
+    ("'joint \"link*\" damping'", "{to = 'option density', factor = 0}", ["'factor' is 0", "changes nothing"]),
+    ("link*", "leg", ["parameter 'damping'", "no joint 'leg'", "link0, link1"]),
+    ("joint \"link*\" damping", 'geom "rod1" mass', ["sets no number there", "value = …"]),
+    ("joint \"link*\" damping", 'joint "link*" stiffness', ["several numbers there (2, 3)", "value = …"]),
+    ("joint \"link*\" damping", 'joint "link0" range[1]', ["'damping' is 60", "the model's own value"]),
+])  # fmt: skip
 def test_what_is_wrong_is_named_with_its_value_and_what_is_allowed(tmp_path, old, new, parts):
     text = "".join(WHOLE)
     assert old in text
@@ -351,24 +324,21 @@ def test_what_is_wrong_is_named_with_its_value_and_what_is_allowed(tmp_path, old
     assert [part for part in parts if part not in message] == [], message
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "parts"),
-    [
-        ('"x", "y"', '"x", "z"', ["'surge_joints' is 'z'", "x, y, crank"]),
-        ('motor_joint = "crank"', 'motor_joint = "motor"', ["'motor_joint' is 'motor'", "x, y, crank"]),
-        ('motor_joint = "crank"', "", ["'motor_joint'", "'servo'", "neither"]),
-        ('motor_joint = "crank"', 'motor_joint = "crank"\nservo = {amplitude = 1.0}', ["'servo'", "both"]),
-        ('["stern"]', '["tail"]', ["'tail_markers' is 'tail'", "nose, stern"]),
-        ('["nose", "stern"]', '["stern"]', ["there is one marker", "need two"]),
-        ('"arm.xml"', '"two.xml"', ["the model has 2 actuators", "use [recordings]"]),
-        ("[swims]", '[swims]\nfit_plan = "plan"', ["'swims.fit_plan'", "'plan'", "python:FILE.py:FUNCTION"]),
-        ("[swims]", '[swims]\nresponse = "python:nowhere:answer"', ["'response'", "No module named 'nowhere'"]),
-        ("[swims]", '[swims]\nresponse = "python:json:decoder"', ["'response'", "must name a function"]),
-        ("[swims]", '[swims]\nresponse = "python:json:loads"', ["'response'", "failed: TypeError"]),
-        ('"arm.xml"', '"python:json:JSONDecoder"', ["'model'", "an MjSpec, not JSONDecoder"]),
-        ('"arm.xml"', '"python:broken.py:model"', ["'model'", "can't be imported: SyntaxError"]),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("old", "new", "parts"), [
+    ('"x", "y"', '"x", "z"', ["'surge_joints' is 'z'", "x, y, crank"]),
+    ('motor_joint = "crank"', 'motor_joint = "motor"', ["'motor_joint' is 'motor'", "x, y, crank"]),
+    ('motor_joint = "crank"', "", ["'motor_joint'", "'servo'", "neither"]),
+    ('motor_joint = "crank"', 'motor_joint = "crank"\nservo = {amplitude = 1.0}', ["'servo'", "both"]),
+    ('["stern"]', '["tail"]', ["'tail_markers' is 'tail'", "nose, stern"]),
+    ('["nose", "stern"]', '["stern"]', ["there is one marker", "need two"]),
+    ('"arm.xml"', '"two.xml"', ["the model has 2 actuators", "use [recordings]"]),
+    ("[swims]", '[swims]\nfit_plan = "plan"', ["'swims.fit_plan'", "'plan'", "python:FILE.py:FUNCTION"]),
+    ("[swims]", '[swims]\nresponse = "python:nowhere:answer"', ["'response'", "No module named 'nowhere'"]),
+    ("[swims]", '[swims]\nresponse = "python:json:decoder"', ["'response'", "must name a function"]),
+    ("[swims]", '[swims]\nresponse = "python:json:loads"', ["'response'", "failed: TypeError"]),
+    ('"arm.xml"', '"python:json:JSONDecoder"', ["'model'", "an MjSpec, not JSONDecoder"]),
+    ('"arm.xml"', '"python:broken.py:model"', ["'model'", "can't be imported: SyntaxError"]),
+])  # fmt: skip
 def test_what_is_wrong_with_swims_is_named(tmp_path, old, new, parts):
     text = SWIMMING + SWIMS + parameter("'joint \"crank\" armature'", 0.0, 1.0)
     assert old in text

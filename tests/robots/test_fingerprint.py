@@ -19,16 +19,13 @@ def place(tmp_path):
     return place
 
 
-@pytest.mark.parametrize(
-    ("file", "old", "new"),
-    [
-        ("arm.toml", "upper = 1.0", "upper = 1.1"),
-        ("arm.toml", '["base", "elbow", "tip"]', '["base", "tip", "elbow"]'),
-        ("arm.xml", 'kp="5"', 'kp="5.00000001"'),
-        ("rest.xml", '<body name="fin">', '<body name="fin" pos="0 0 1e-9">'),
-        ("parts/fin.obj", "v 1 0 0", "v 1.00000001 0 0"),
-    ],
-)
+@pytest.mark.parametrize(("file", "old", "new"), [
+    ("arm.toml", "upper = 1.0", "upper = 1.1"),
+    ("arm.toml", '["base", "elbow", "tip"]', '["base", "tip", "elbow"]'),
+    ("arm.xml", 'kp="5"', 'kp="5.00000001"'),
+    ("rest.xml", '<body name="fin">', '<body name="fin" pos="0 0 1e-9">'),
+    ("parts/fin.obj", "v 1 0 0", "v 1.00000001 0 0"),
+])  # fmt: skip
 def test_a_change_of_a_file_or_of_what_it_names_is_seen(place, file, old, new):
     before = fingerprint(place)
     path = place.parent / file

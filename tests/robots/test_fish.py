@@ -85,13 +85,10 @@ def test_stiffness_and_damping_go_to_their_joint_alone(model, i):
     )
 
 
-@pytest.mark.parametrize(
-    ("outline", "thickness", "area_mm2"),
-    [
-        (mirrored(outline_of("tail_fin")), 0.002, 7542),
-        (outline_of("dorsal_fin"), 0.003, 4564),
-    ],
-)
+@pytest.mark.parametrize(("outline", "thickness", "area_mm2"), [
+    (mirrored(outline_of("tail_fin")), 0.002, 7542),
+    (outline_of("dorsal_fin"), 0.003, 4564),
+])  # fmt: skip
 def test_fins_are_closed_plates_of_their_area(outline, thickness, area_mm2):
     vertices, faces = extrude(outline, thickness)
     edges = [(int(face[i]), int(face[(i + 1) % 3])) for face in faces for i in range(3)]

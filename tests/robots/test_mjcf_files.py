@@ -54,20 +54,14 @@ def folder(tmp_path) -> Path:
 
 
 OUTSIDE = {
-    "a mesh": meshed("../t.obj"),
-    "on Windows": meshed("..\\t.obj"),
-    "there and back": meshed("in/../../t.obj"),
+    "a mesh": meshed("../t.obj"), "on Windows": meshed("..\\t.obj"), "there and back": meshed("in/../../t.obj"),
     "absolute": meshed("FOLDER/t.obj"),
     "absolute below the root": meshed("FOLDER/t.obj", '<compiler meshdir="file:///"/>'),
-    "entities": meshed("&#46;&#x2e;/t.obj"),
-    "meshdir": meshed("t.obj", '<compiler meshdir="../elsewhere"/>'),
+    "entities": meshed("&#46;&#x2e;/t.obj"), "meshdir": meshed("t.obj", '<compiler meshdir="../elsewhere"/>'),
     "assetdir": meshed("t.obj", '<compiler assetdir="FOLDER/elsewhere"/>'),
     "last part": meshed("/nowhere/t.obj", '<compiler meshdir="../elsewhere" strippath="true"/>'),
-    "a link": meshed("link.obj"),
-    "a linked folder": meshed("linked/t.obj"),
-    "an include": including("../piece.xml"),
-    "an include on Windows": including("..\\piece.xml"),
-    "an include of an include": including("in/out.xml"),
+    "a link": meshed("link.obj"), "a linked folder": meshed("linked/t.obj"), "an include": including("../piece.xml"),
+    "an include on Windows": including("..\\piece.xml"), "an include of an include": including("in/out.xml"),
     "an attached model's": '<mujoco><asset><model name="c" file="in/child.xml"/></asset></mujoco>',
     "a texture": '<mujoco><asset><texture type="2d" file="../t.obj"/></asset></mujoco>',
     "a cube's side": '<mujoco><asset><texture type="cube" fileright="in/t.obj" fileup="../t.obj"/></asset></mujoco>',
@@ -82,11 +76,10 @@ OUTSIDE = {
     "a comment in an attribute": meshed("../t.obj").replace("<mujoco>", '<mujoco model="<!--">'),
     "no space": meshed("../t.obj").replace(" file", "file"),
     "a space before the tag": meshed("../t.obj").replace("<mesh", "< mesh"),
-    "an end tag": meshed("../t.obj").replace("<mesh", "</mesh"),
-    "apostrophes": meshed("../t.obj").replace('"', "'"),
+    "an end tag": meshed("../t.obj").replace("<mesh", "</mesh"), "apostrophes": meshed("../t.obj").replace('"', "'"),
     "after a document type": '<?xml version="1.0"?><!DOCTYPE mujoco>' + meshed("../t.obj"),
     "bytes that are no text": meshed("../t.obj") + "\x00\udcff",
-}
+}  # fmt: skip
 """The last ones are forms that MuJoCo's parser reads and others may not."""
 
 
@@ -107,13 +100,10 @@ OWN = 'file="../t.obj" vertex="0 0 0 1 0 0 0 1 0 0 0 1"'
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="only Linux confines a thread")
-@pytest.mark.parametrize(
-    "text",
-    [
-        *(OUTSIDE[name] for name in OUTSIDE if "include" in name or "mesh" in OUTSIDE[name]),
-        meshed(f't.obj" {OWN[:-1]}'),
-    ],
-)
+@pytest.mark.parametrize("text", [
+    *(OUTSIDE[name] for name in OUTSIDE if "include" in name or "mesh" in OUTSIDE[name]),
+    meshed(f't.obj" {OWN[:-1]}'),
+])  # fmt: skip
 def test_what_a_scan_overlooked_mujoco_itself_tells_or_cannot_open(folder, text, monkeypatch):
     monkeypatch.setattr("swim2real.robots.file.outside", lambda path, where: None)
     model = folder / "model.xml"

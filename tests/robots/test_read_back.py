@@ -48,26 +48,23 @@ TOOL, HULL = 'geom "tool" mass', 'body "base" diaginertia[0]'
 
 
 @pytest.mark.filterwarnings("ignore:compiler attribute")  # which MuJoCo 4 deprecates
-@pytest.mark.parametrize(
-    ("writes", "lower", "upper", "places", "names"),
-    [
-        (TOOL, 0.05, 0.3, {"compiler": 'settotalmass="0.6"'}, ['compiler has settotalmass="0.6"']),
-        (TOOL, 0.05, 0.3, {"compiler": 'boundmass="0.6"'}, ['compiler has boundmass="0.6"']),
-        (TOOL, 0.05, 0.3, {"compiler": 'boundmass="5"'}, ['compiler has boundmass="5"']),
-        (TOOL, 0.05, 0.3, {"compiler": 'boundinertia="0.01"'}, ['compiler has boundinertia="0.01"']),
-        (TOOL, 0.05, 0.3, {"compiler": 'settotalmass="1" boundmass="0.6"'}, ["boundmass", " and ", "settotalmass"]),
-        (TOOL, 0.05, 0.3, {"compiler": 'inertiagrouprange="0 2"', "geom": 'group="3"'}, ['inertiagrouprange="0 2"']),
-        ('geom "cork" density', 100, 900, {"compiler": 'settotalmass="0.6"'}, ["settotalmass"]),
-        ('geom "tool" density', 100, 900, {}, ["geom 'tool' has mass=\"0.1\""]),
-        ('body "base" mass', 0.1, 0.9, {"compiler": 'inertiafromgeom="true"'}, ['inertiafromgeom="true"']),
-        ('body "base" mass', 0.1, 0.9, {"compiler": 'settotalmass="2"'}, ["settotalmass"]),
-        (HULL, 1e-4, 1e-3, {"compiler": 'balanceinertia="true"'}, ['balanceinertia="true"']),
-        (HULL, 9e-4, 2e-3, {"compiler": 'boundinertia="0.001"'}, ['boundinertia="0.001"']),
-        ('joint "hip" damping', 0.01, 1.0, {"joint": 'springdamper="0.1 1"'}, ['springdamper="0.1 1"']),
-        ('geom "rod" size[1]', 0.01, 0.2, {}, ["geom 'rod' has fromto=\"0 0 0 0 0 0.2\""]),
-        ('actuator "servo" ctrlrange[1]', 0.1, 2.0, {"actuator": 'inheritrange="1"'}, ['inheritrange="1"']),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("writes", "lower", "upper", "places", "names"), [
+    (TOOL, 0.05, 0.3, {"compiler": 'settotalmass="0.6"'}, ['compiler has settotalmass="0.6"']),
+    (TOOL, 0.05, 0.3, {"compiler": 'boundmass="0.6"'}, ['compiler has boundmass="0.6"']),
+    (TOOL, 0.05, 0.3, {"compiler": 'boundmass="5"'}, ['compiler has boundmass="5"']),
+    (TOOL, 0.05, 0.3, {"compiler": 'boundinertia="0.01"'}, ['compiler has boundinertia="0.01"']),
+    (TOOL, 0.05, 0.3, {"compiler": 'settotalmass="1" boundmass="0.6"'}, ["boundmass", " and ", "settotalmass"]),
+    (TOOL, 0.05, 0.3, {"compiler": 'inertiagrouprange="0 2"', "geom": 'group="3"'}, ['inertiagrouprange="0 2"']),
+    ('geom "cork" density', 100, 900, {"compiler": 'settotalmass="0.6"'}, ["settotalmass"]),
+    ('geom "tool" density', 100, 900, {}, ["geom 'tool' has mass=\"0.1\""]),
+    ('body "base" mass', 0.1, 0.9, {"compiler": 'inertiafromgeom="true"'}, ['inertiafromgeom="true"']),
+    ('body "base" mass', 0.1, 0.9, {"compiler": 'settotalmass="2"'}, ["settotalmass"]),
+    (HULL, 1e-4, 1e-3, {"compiler": 'balanceinertia="true"'}, ['balanceinertia="true"']),
+    (HULL, 9e-4, 2e-3, {"compiler": 'boundinertia="0.001"'}, ['boundinertia="0.001"']),
+    ('joint "hip" damping', 0.01, 1.0, {"joint": 'springdamper="0.1 1"'}, ['springdamper="0.1 1"']),
+    ('geom "rod" size[1]', 0.01, 0.2, {}, ["geom 'rod' has fromto=\"0 0 0 0 0 0.2\""]),
+    ('actuator "servo" ctrlrange[1]', 0.1, 2.0, {"actuator": 'inheritrange="1"'}, ['inheritrange="1"']),
+])  # fmt: skip
 def test_what_the_model_undoes_is_refused_with_the_setting(tmp_path, writes, lower, upper, places, names):
     robot = robot_of(tmp_path, writes, lower, upper, **places)
     said = refusal(RobotError, check_targets, robot)

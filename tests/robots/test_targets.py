@@ -44,18 +44,15 @@ def test_a_model_gets_back_what_was_read_from_it_and_changes_with_another_value(
     assert set(target.current(copy)) == {own * 0.9 + 1e-5}
 
 
-@pytest.mark.parametrize(
-    ("line", "joints"),
-    [
-        ('joint "link0" damping', ["link0"]),
-        ('joint "link*" damping', ["link0", "link1"]),
-        ('joint "link[1-9]" damping', ["link1"]),
-        ('joint "link1", "link0" damping', ["link0", "link1"]),
-        ('joint "link1" , "link*" damping[0]', ["link0", "link1"]),
-        ('  joint  class  "soft"  damping ', ["link0"]),
-        ('joint class "main", "soft" damping', ["link0", "link1"]),
-    ],
-)
+@pytest.mark.parametrize(("line", "joints"), [
+    ('joint "link0" damping', ["link0"]),
+    ('joint "link*" damping', ["link0", "link1"]),
+    ('joint "link[1-9]" damping', ["link1"]),
+    ('joint "link1", "link0" damping', ["link0", "link1"]),
+    ('joint "link1" , "link*" damping[0]', ["link0", "link1"]),
+    ('  joint  class  "soft"  damping ', ["link0"]),
+    ('joint class "main", "soft" damping', ["link0", "link1"]),
+])  # fmt: skip
 def test_a_line_stands_for_the_elements_that_it_names(spec, line, joints):
     model = applied(spec, Target(line), 0.5)
     damping = {model.joint(j).name: float(model.joint(j).damping.ravel()[0]) for j in range(model.njnt)}
@@ -87,25 +84,22 @@ def test_an_angle_is_in_the_unit_of_its_file(spec):
     assert applied(radian, limits, 0.5).jnt_range[0, 1] == 0.5
 
 
-@pytest.mark.parametrize(
-    ("line", "parts"),
-    [
-        ('joint hip damping', ("'joint hip damping'", 'joint "hip" damping', "option density")),
-        ('join "link0" damping', ("'join'", "did you mean 'joint'?", "option, body")),
-        ('option "water" density', ("'option \"water\" density'", "option takes no name")),
-        ("joint damping", ("'joint damping'", "joint needs a name")),
-        ('joint "link2" damping', ("no joint 'link2'", "did you mean 'link1'?", "link0, link1")),
-        ('geom "rod2" mass', ("no geom 'rod2'", "rod0, rod1 (1 of kind geom have no name")),
-        ('mesh "fin" scale[0]', ("no mesh 'fin'", "there are none")),
-        ('geom class "dry" mass', ("no geom of class 'dry'", "main, wet")),
-        ("option wetness", ("option has no number 'wetness'", "there are ")),
-        ('joint "link0" dampin', ("'link0' has no number 'dampin'", "did you mean 'damping'?", "armature, axis,")),
-        ('actuator "torque" kp', ("'torque' has no number 'kp'",)),
-        ('geom "rod0" fluidcoef', ("fluidcoef of geom 'rod0' has 5 values", "fluidcoef[0] to fluidcoef[4]")),
-        ('geom "rod0" fluidcoef[5]', ("fluidcoef of geom 'rod0' has 5 values", "no [5]")),
-        ('joint "link0" damping[1]', ("'link0' has one damping", "leave out [1]")),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("line", "parts"), [
+    ('joint hip damping', ("'joint hip damping'", 'joint "hip" damping', "option density")),
+    ('join "link0" damping', ("'join'", "did you mean 'joint'?", "option, body")),
+    ('option "water" density', ("'option \"water\" density'", "option takes no name")),
+    ("joint damping", ("'joint damping'", "joint needs a name")),
+    ('joint "link2" damping', ("no joint 'link2'", "did you mean 'link1'?", "link0, link1")),
+    ('geom "rod2" mass', ("no geom 'rod2'", "rod0, rod1 (1 of kind geom have no name")),
+    ('mesh "fin" scale[0]', ("no mesh 'fin'", "there are none")),
+    ('geom class "dry" mass', ("no geom of class 'dry'", "main, wet")),
+    ("option wetness", ("option has no number 'wetness'", "there are ")),
+    ('joint "link0" dampin', ("'link0' has no number 'dampin'", "did you mean 'damping'?", "armature, axis,")),
+    ('actuator "torque" kp', ("'torque' has no number 'kp'",)),
+    ('geom "rod0" fluidcoef', ("fluidcoef of geom 'rod0' has 5 values", "fluidcoef[0] to fluidcoef[4]")),
+    ('geom "rod0" fluidcoef[5]', ("fluidcoef of geom 'rod0' has 5 values", "no [5]")),
+    ('joint "link0" damping[1]', ("'link0' has one damping", "leave out [1]")),
+])  # fmt: skip
 def test_a_line_that_leads_nowhere_is_named(spec, line, parts):
     assert says(refusal(RobotError, Target(line).setter, spec), *parts)
 

@@ -81,9 +81,6 @@ def test_the_hidden_delay_explains_a_recording(line, start):
     assert off.loss > 3 * at.loss
 
 
-# lines of a robot file
-
-
 def test_delays_add_up():
     delays = {"a": (Delay("", "control", ("w*",), 2.0, 0.01),), "b": (Delay("", "trial", ("one",)),)}
     found = Delays(delays, {"a": 0.1, "b": 0.02})
@@ -102,15 +99,12 @@ def file_with(folder, target, **more):
     )  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    ("target", "parts"),
-    [
-        ("'control \"lfit\" delay'", ['"lfit" delay', "no control 'lfit'; there are servo"]),
-        ("'sensor \"pull\" delay'", ["no sensor 'pull'"]),
-        ("'control \"*\" gain'", ["a control has a delay and nothing else"]),
-        ("{to = 'control \"*\" delay', relative = true}", ["in seconds", "can't be relative"]),
-    ],
-)
+@pytest.mark.parametrize(("target", "parts"), [
+    ("'control \"lfit\" delay'", ['"lfit" delay', "no control 'lfit'; there are servo"]),
+    ("'sensor \"pull\" delay'", ["no sensor 'pull'"]),
+    ("'control \"*\" gain'", ["a control has a delay and nothing else"]),
+    ("{to = 'control \"*\" delay', relative = true}", ["in seconds", "can't be relative"]),
+])  # fmt: skip
 def test_a_file_says_what_is_late_if_it_can_be(tmp_path, target, parts):
     robot = load_robot(file_with(tmp_path, "'control \"*\" delay'"))
     assert robot.delays_of({**robot.space.published, "late": 0.05}).control("servo", "any") == 0.05

@@ -102,9 +102,6 @@ def test_joints_that_are_tied_stay_tied():
     assert guess == pytest.approx([0.5, -0.5], abs=2e-2)
 
 
-# pieces
-
-
 @pytest.fixture(scope="module")
 def chaotic():
     """A double pendulum that is let go of from far up, without a motor's help."""
@@ -145,9 +142,6 @@ def test_sensors_and_controls_go_on_over_the_pieces():
     within = driven.sensors.between(driven.track.times[0], driven.track.times[-1])
     assert np.array_equal(found.sensors.times, within.times)
     assert np.abs(found.sensors.values - within.values).max() < 0.05 * np.ptp(within.values)
-
-
-# what is told of starts
 
 
 def test_a_motion_too_fast_for_its_frames_is_reported(ringing):

@@ -56,9 +56,6 @@ def stepped(robot, values, controls, qpos=None, qvel=None):
     return rows[:, -3 * count :].reshape(len(rows), count, 3)[:, :, list(robot.plane)], rows
 
 
-# controls
-
-
 def test_a_table_is_a_command_that_holds_until_the_next():
     trial = blank(AT_REST, "a", 1.0, 500, begin=3.0, controls=torque_table(1.0, begin=3.0))
     torques = trial.controls.values[:, 0]
@@ -95,9 +92,6 @@ def test_what_drives_nothing_is_named():
     assert "this needs recordings" in refusal(ArgumentError, PlaybackSimulator, FISH)
 
 
-# time stamps
-
-
 def test_markers_are_seen_between_physics_steps():
     controls = torque_table(1.0)
     coarse = played(AT_REST, blank(AT_REST, "a", 1.0, 60.0, controls=controls))
@@ -116,9 +110,6 @@ def test_sensors_are_read_at_their_own_times_while_the_robot_is_filmed():
     assert found.times.tolist() == [0.0, 0.0013, 0.5, 1.0]
     often = played(AT_REST, replace(trial, sensors=Signals(np.arange(501) / 500, ["gyro[1]"], np.zeros((501, 1)))))
     assert np.allclose(found.values[2:, 0], often.sensors.values[[250, 500], 0], atol=1e-12)
-
-
-# batches
 
 
 def test_results_depend_neither_on_threads_nor_on_the_batch():
@@ -163,9 +154,6 @@ def test_a_simulation_that_diverges_says_when_and_disturbs_no_other(tmp_path, mo
     assert np.array_equal(good["a"].track.positions, played(AT_REST, trial).track.positions)
 
 
-# starts
-
-
 def test_a_keyframe_and_a_trials_own_start():
     trial = blank(PENDULUM, "a", 0.5, 500, controls=torque_table(1.0))
     controls = np.append(np.repeat(trial.controls.values[:10, 0], 25), trial.controls.values[10, 0])
@@ -191,13 +179,10 @@ def test_wrong_starts_are_named():
     )
 
 
-@pytest.mark.parametrize(
-    ("robot", "make", "hidden"),
-    [
-        (PENDULUM, pendulum_reference, PENDULUM_HIDDEN),
-        (telling(FLOATER, start="markers"), floater_reference, FLOATER_HIDDEN),
-    ],
-)
+@pytest.mark.parametrize(("robot", "make", "hidden"), [
+    (PENDULUM, pendulum_reference, PENDULUM_HIDDEN),
+    (telling(FLOATER, start="markers"), floater_reference, FLOATER_HIDDEN),
+])  # fmt: skip
 def test_the_markers_tell_pose_and_speed_of_a_start(robot, make, hidden):
     """In motion, under controls and unseen forces: the first frames alone tell how the rest of the trial goes."""
     player = PlaybackSimulator(robot, 2)
@@ -262,9 +247,6 @@ def test_free_and_ball_joints():
     assert max(map(abs, engine.fluid_fingerprint)) == 0
     assert engine.difference(engine.as_dict()) is None
     assert engine.difference({**engine.as_dict(), "fluid_fingerprint": [1.0] * 9}) is not None
-
-
-# sensors
 
 
 def test_sensors_are_compared_by_name_if_they_are_there():

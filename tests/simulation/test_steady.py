@@ -60,9 +60,6 @@ def test_the_steady_cycle_doesnt_depend_on_the_start(new_fluid_law):
     assert np.linalg.norm(shapes[0] - shapes[1], axis=2).mean() < 0.5e-3
 
 
-# unrolling
-
-
 def circling(turn: float):
     """A rigid two-marker swimmer with a beating third marker, on a circle: position at any phase. To (N, 3, 2)."""
 

@@ -86,20 +86,17 @@ def tailless():
     return MarkerTrack(track.times, np.where(np.arange(9)[:, None] < 6, track.positions, np.nan))
 
 
-@pytest.mark.parametrize(
-    ("track", "parts"),
-    [
-        (MarkerTrack(TIMES, np.repeat(REST[None], 300, axis=0)), ("4.98 s of tail motion are too little",)),
-        (Swimmer(amplitude=0.0).track(noise=1e-3), ("no regular beat: the best sine, at ",)),
-        (MarkerTrack(TIMES, REST + 0.003 * np.random.default_rng(0).normal(size=(300, 9, 2))),
-         ("explains", "at least 50 % are needed")),
-        (wandering(), ("no regular beat",)),
-        (Swimmer(duration=0.1, frequency=0.5).track(), ()),
-        (Swimmer(frequency=0.4, duration=0.6).track(), ("no whole beat: in 0.60 s", "more slowly than")),
-        (Swimmer(frequency=0.4, duration=2.0).track(), ("no whole beat: in 2.00 s",)),
-        (tailless(), ("the tail markers are lost for nearly the whole trial",)),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("track", "parts"), [
+    (MarkerTrack(TIMES, np.repeat(REST[None], 300, axis=0)), ("4.98 s of tail motion are too little",)),
+    (Swimmer(amplitude=0.0).track(noise=1e-3), ("no regular beat: the best sine, at ",)),
+    (MarkerTrack(TIMES, REST + 0.003 * np.random.default_rng(0).normal(size=(300, 9, 2))),
+     ("explains", "at least 50 % are needed")),
+    (wandering(), ("no regular beat",)),
+    (Swimmer(duration=0.1, frequency=0.5).track(), ()),
+    (Swimmer(frequency=0.4, duration=0.6).track(), ("no whole beat: in 0.60 s", "more slowly than")),
+    (Swimmer(frequency=0.4, duration=2.0).track(), ("no whole beat: in 2.00 s",)),
+    (tailless(), ("the tail markers are lost for nearly the whole trial",)),
+])  # fmt: skip
 def test_what_has_no_beat_is_refused(track, parts):
     with pytest.raises(TrialError) as caught:
         beat_of(track, "swim")

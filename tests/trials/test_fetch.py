@@ -151,15 +151,12 @@ def test_places_that_wont_do_are_refused(folder, target, tmp_path):
     assert "can't write reference folder" in refusal(TrialError, fetch, target / "below", folder)
 
 
-@pytest.mark.parametrize(
-    ("content", "parts"),
-    [
-        (None, ("markers_f1_00.csv from {at}", "can't be downloaded (HTTPError)")),
-        (b"<html>Please log in</html>", ("markers_f1_00.csv from {at}", "isn't the published file")),
-        (b" " * 8_100_000, ("markers_f1_00.csv from {at}", "can't be downloaded (OSError)")),
-        ("closed", ("markers_f0_50.csv from {at}", "can't be downloaded (ConnectionError)")),
-    ],
-)
+@pytest.mark.parametrize(("content", "parts"), [
+    (None, ("markers_f1_00.csv from {at}", "can't be downloaded (HTTPError)")),
+    (b"<html>Please log in</html>", ("markers_f1_00.csv from {at}", "isn't the published file")),
+    (b" " * 8_100_000, ("markers_f1_00.csv from {at}", "can't be downloaded (OSError)")),
+    ("closed", ("markers_f0_50.csv from {at}", "can't be downloaded (ConnectionError)")),
+])  # fmt: skip
 def test_what_a_server_lacks_is_reported_with_the_way_by_hand(server, target, content, parts):
     address = f"{server.address}/tracks/"
     if content == "closed":

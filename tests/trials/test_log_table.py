@@ -46,23 +46,16 @@ def test_columns_are_taken_by_name_with_or_without_their_unit_and_a_factor(log, 
 EPOCH = "1718703600"  # s, of 2024-06-18T09:40:00 in UTC
 
 
-@pytest.mark.parametrize(
-    ("column", "stamps", "words"),
-    [
-        ("t", [EPOCH + part for part in (".25", ".26", ".28")], "'t' in s since 1970"),
-        ("t", [EPOCH + part for part in ("250", "260", "280")], "'t' in ms since 1970"),
-        ("t", [EPOCH + part for part in ("250000", "260000", "280000")], "'t' in us since 1970"),
-        ("__time", [EPOCH + part for part in ("250000000", "260000000", "280000000")], "'__time' in ns since 1970"),
-        ("t_ns", [EPOCH + part for part in ("250000000", "260000000", "280000000")], "'t_ns' in ns"),
-        ("%time", ["2024-06-18T09:40:00.25", "2024-06-18T09:40:00.260", "2024-06-18T09:40:00.28"], None),
-        (
-            "when",
-            ["2024-06-18 11:40:00.25+02:00", "2024-06-18 11:40:00.26+02:00", "2024-06-18 11:40:00.28+02:00"],
-            None,
-        ),
-        ("Zeit", ["18.06.2024 09:40:00.25", "18.06.2024 09:40:00.26", "18.06.2024 09:40:00.28"], None),
-    ],
-)
+@pytest.mark.parametrize(("column", "stamps", "words"), [
+    ("t", [EPOCH + part for part in (".25", ".26", ".28")], "'t' in s since 1970"),
+    ("t", [EPOCH + part for part in ("250", "260", "280")], "'t' in ms since 1970"),
+    ("t", [EPOCH + part for part in ("250000", "260000", "280000")], "'t' in us since 1970"),
+    ("__time", [EPOCH + part for part in ("250000000", "260000000", "280000000")], "'__time' in ns since 1970"),
+    ("t_ns", [EPOCH + part for part in ("250000000", "260000000", "280000000")], "'t_ns' in ns"),
+    ("%time", ["2024-06-18T09:40:00.25", "2024-06-18T09:40:00.260", "2024-06-18T09:40:00.28"], None),
+    ("when", ["2024-06-18 11:40:00.25+02:00", "2024-06-18 11:40:00.26+02:00", "2024-06-18 11:40:00.28+02:00"], None),
+    ("Zeit", ["18.06.2024 09:40:00.25", "18.06.2024 09:40:00.26", "18.06.2024 09:40:00.28"], None),
+])  # fmt: skip
 def test_stamps_since_1970_and_dates_are_on_one_clock(log, column, stamps, words):
     found = log(f"{column},q\n" + "".join(f"{stamp},1\n" for stamp in stamps)).times()
     assert found.words == (words or f"'{column.strip('%')}', dates or times of day")
@@ -77,15 +70,10 @@ def test_nanoseconds_keep_their_last_digit(log):
     np.testing.assert_allclose(times.values, 1e-9 * np.arange(5), rtol=1e-12)
 
 
-@pytest.mark.parametrize(
-    "stamps",
-    [
-        ["09:40:00.25", "09:40:00.5"],
-        ["40:00.25", "40:00.5"],
-        ["0:40:00.250", "0:40:00.500"],
-        ["09:40:00:250", "09:40:00:500"],
-    ],
-)
+@pytest.mark.parametrize("stamps", [
+    ["09:40:00.25", "09:40:00.5"], ["40:00.25", "40:00.5"], ["0:40:00.250", "0:40:00.500"],
+    ["09:40:00:250", "09:40:00:500"],
+])  # fmt: skip
 def test_times_of_day_are_times(log, stamps):
     assert np.diff(log("t,q\n" + "".join(f"{stamp},1\n" for stamp in stamps)).times().values) == pytest.approx(0.25)
 
@@ -107,19 +95,16 @@ def test_rows_on_a_coarse_clock_are_at_most_a_tick_off(tmp_path_factory, count, 
         assert np.diff(times.values) == pytest.approx(step, rel=3 * ratio / count + 1e-6)
 
 
-@pytest.mark.parametrize(
-    ("text", "parts"),
-    [
-        ("t,q\n0,1\n0,2\n", ("line 3", "0 s is the time of the row above", "must rise")),
-        ("t,q\n1,1\n0,2\n", ("line 3", "0 s is before the row above (1 s)", "must rise")),
-        ("t,q\n0,1\n,2\n", ("line 3", "no time in column 't'")),
-        ("t,q\n0,1\nnoon,2\n", ("line 3, column 1", "'noon'", "not a number")),
-        ("t,q\n0,1\n1,2,3\n", ("line 3", "3 columns", "2", "leave it out")),
-        ("t,q\n0,1\n", ("1 rows", "at least 2")),
-        ("0,1\n1,2\n", ("line 1", "must name the columns")),
-        ("", ("the table is empty",)),
-    ],
-)
+@pytest.mark.parametrize(("text", "parts"), [
+    ("t,q\n0,1\n0,2\n", ("line 3", "0 s is the time of the row above", "must rise")),
+    ("t,q\n1,1\n0,2\n", ("line 3", "0 s is before the row above (1 s)", "must rise")),
+    ("t,q\n0,1\n,2\n", ("line 3", "no time in column 't'")),
+    ("t,q\n0,1\nnoon,2\n", ("line 3, column 1", "'noon'", "not a number")),
+    ("t,q\n0,1\n1,2,3\n", ("line 3", "3 columns", "2", "leave it out")),
+    ("t,q\n0,1\n", ("1 rows", "at least 2")),
+    ("0,1\n1,2\n", ("line 1", "must name the columns")),
+    ("", ("the table is empty",)),
+])  # fmt: skip
 def test_what_is_wrong_in_a_table_is_reported_with_its_line(log, text, parts):
     assert says(refusal(TrialError, lambda: log(text).times()), *parts)
 
@@ -128,17 +113,14 @@ def test_a_first_row_that_is_unlike_the_others_is_a_row(log):
     assert says(refusal(TrialError, log("t,q\n0,init\n\n1,2\n2,3\n").column, "q", "it"), "line 2, column 2", "'init'")
 
 
-@pytest.mark.parametrize(
-    ("table", "column", "into", "parts"),
-    [
-        ("t,hip", "hop", "", ("no column 'hop' for it", "did you mean 'hip'?", "'t' and 'hip'")),
-        ("a/x,b/x", "x", "", ("'x' for it may be 'a/x', 'b/x'", "whole name")),
-        ("t,q", "hip:deg", "", ("no column 'hip:deg' for it", "'t' and 'q'")),
-        ("t,q", "q:degg", "rad", ("'q' for it", "no unit 'degg'", "did you mean 'deg'?")),
-        ("t,q", "q:deg", "N", ("'q' for it", "'deg' is a unit of angle", "'N' one of force")),
-        ("q,q", "q", "", ("several columns are named 'q'",)),
-    ],
-)
+@pytest.mark.parametrize(("table", "column", "into", "parts"), [
+    ("t,hip", "hop", "", ("no column 'hop' for it", "did you mean 'hip'?", "'t' and 'hip'")),
+    ("a/x,b/x", "x", "", ("'x' for it may be 'a/x', 'b/x'", "whole name")),
+    ("t,q", "hip:deg", "", ("no column 'hip:deg' for it", "'t' and 'q'")),
+    ("t,q", "q:degg", "rad", ("'q' for it", "no unit 'degg'", "did you mean 'deg'?")),
+    ("t,q", "q:deg", "N", ("'q' for it", "'deg' is a unit of angle", "'N' one of force")),
+    ("q,q", "q", "", ("several columns are named 'q'",)),
+])  # fmt: skip
 def test_a_column_or_a_unit_that_isnt_there_is_reported(log, table, column, into, parts):
     assert says(refusal(ArgumentError, log(f"{table}\n0,1\n1,2\n").column, column, "it", into), *parts)
 
@@ -153,15 +135,11 @@ def test_units_are_converted():
     assert all(factor(unit, unit) == 1 and factor(unit) > 0 for unit in UNITS)
 
 
-@pytest.mark.parametrize(
-    ("header", "unit", "name"),
-    [
-        ("hip_deg", "deg", "hip"), ("load [mN]", "mN", "load"), ("t (ms)", "ms", "t"), ("time_s", None, "time"),
-        ("Time (Seconds)", "s", "Time"),
-        ("hip", None, "hip"), ("q_min", None, "q_min"), ("deg", None, "deg"), ("x [left]", None, "x [left]"),
-        ("gyro[1]", None, "gyro[1]"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("header", "unit", "name"), [
+    ("hip_deg", "deg", "hip"), ("load [mN]", "mN", "load"), ("t (ms)", "ms", "t"), ("time_s", None, "time"),
+    ("Time (Seconds)", "s", "Time"), ("hip", None, "hip"), ("q_min", None, "q_min"), ("deg", None, "deg"),
+    ("x [left]", None, "x [left]"), ("gyro[1]", None, "gyro[1]"),
+])  # fmt: skip
 def test_a_name_may_end_in_a_unit(header, unit, name):
     assert (unit_of_header(header), without_unit(header)) == (unit, name)
 

@@ -47,15 +47,11 @@ def individuals(*animals):
     return "\n".join([LINES[0], ",".join(["individuals", *animals]), *LINES[1:]]) + "\n"
 
 
-@pytest.mark.parametrize(
-    "text",
-    [
-        HEADER + ROWS,
-        "\ufeff" + (HEADER + "\n" + ROWS).replace("\n", "\r\n") + "\r\n",
-        individuals(*["fish"] * 6) + ROWS,
-    ],
-    ids=["plain", "windows", "one animal"],
-)
+@pytest.mark.parametrize("text", [
+    HEADER + ROWS,
+    "\ufeff" + (HEADER + "\n" + ROWS).replace("\n", "\r\n") + "\r\n",
+    individuals(*["fish"] * 6) + ROWS,
+], ids=["plain", "windows", "one animal"])  # fmt: skip
 def test_pixels_stay_pixels_with_y_down(tmp_path, text):
     track, names = read_dlc(table(tmp_path, text), 50)
     assert names == ("M0", "M1")
@@ -72,24 +68,21 @@ def test_missing_values_are_markers_that_werent_seen_and_missing_rows_a_gap_in_t
     np.testing.assert_allclose(track.times, [10, 10.1, 10.5])  # the film began before the table
 
 
-@pytest.mark.parametrize(
-    ("text", "parts"),
-    [
-        ("", ("the table is empty",)),
-        (LINES[0] + "\n", ("the table is empty",)),
-        ("0,1,2,3\n1,2,3,4\n2,3,4,5\n", ("no pose table", "NAME.x and NAME.y")),
-        (HEADER.replace("M1", "M0") + ROWS, ("'M0' comes twice",)),
-        (HEADER + ROWS + "2,1,2,1,3,4\n", ("line 6", "6 columns", "7")),
-        (HEADER + "0,1,2,1,3,4,1\n1,1,b,1,3,4,1\n", ("line 5, column 3", "'b'")),
-        (HEADER + ROWS + "2,1,2e19,1,3,4,1\n", ("line 6, column 3", "2e+19", "1e+12")),
-        (HEADER + ROWS + "lost the animal\n", ("left out", "line 6, 'lost the animal'", "a row per frame")),
-        (HEADER + "0.5,1,2,1,3,4,1\n1,1,2,1,3,4,1\n", ("line 4, column 1", "0.5 is no frame number")),
-        (HEADER + "\n1,1,2,1,3,4,1\n1,1,2,1,3,4,1\n", ("line 6", "frame 1 comes after frame 1")),
-        (HEADER + "labeled-data/img001.png,1,2,1,3,4,1\n" * 2, ("line 4, column 1", "img001.png", "video")),
-        (HEADER + "0,1,2,1,3,4,1\n", ("1 frames", "at least 2")),
-        (individuals(*["fish"] * 3, *["carp"] * 3) + ROWS, ("2 animals (fish, carp)", "by itself")),
-    ],
-)
+@pytest.mark.parametrize(("text", "parts"), [
+    ("", ("the table is empty",)),
+    (LINES[0] + "\n", ("the table is empty",)),
+    ("0,1,2,3\n1,2,3,4\n2,3,4,5\n", ("no pose table", "NAME.x and NAME.y")),
+    (HEADER.replace("M1", "M0") + ROWS, ("'M0' comes twice",)),
+    (HEADER + ROWS + "2,1,2,1,3,4\n", ("line 6", "6 columns", "7")),
+    (HEADER + "0,1,2,1,3,4,1\n1,1,b,1,3,4,1\n", ("line 5, column 3", "'b'")),
+    (HEADER + ROWS + "2,1,2e19,1,3,4,1\n", ("line 6, column 3", "2e+19", "1e+12")),
+    (HEADER + ROWS + "lost the animal\n", ("left out", "line 6, 'lost the animal'", "a row per frame")),
+    (HEADER + "0.5,1,2,1,3,4,1\n1,1,2,1,3,4,1\n", ("line 4, column 1", "0.5 is no frame number")),
+    (HEADER + "\n1,1,2,1,3,4,1\n1,1,2,1,3,4,1\n", ("line 6", "frame 1 comes after frame 1")),
+    (HEADER + "labeled-data/img001.png,1,2,1,3,4,1\n" * 2, ("line 4, column 1", "img001.png", "video")),
+    (HEADER + "0,1,2,1,3,4,1\n", ("1 frames", "at least 2")),
+    (individuals(*["fish"] * 3, *["carp"] * 3) + ROWS, ("2 animals (fish, carp)", "by itself")),
+])  # fmt: skip
 def test_tables_that_are_none_are_refused(tmp_path, text, parts):
     path = table(tmp_path, text)
     assert says(refusal(TrialError, read_dlc, path, 60), path, *parts)

@@ -26,9 +26,6 @@ def refused(call, *arguments, **options) -> str:
     return refusal(TrialError, call, *arguments, **options)
 
 
-# published tables
-
-
 def pixels(frames=30):
     """A published table: pixels with y down, a head of 180 px, everything shifting to the left and up."""
     shape = REST / SCALE * [1.0, -1.0] + [600.0, 400.0]
@@ -86,21 +83,17 @@ STILL = "\n".join([",".join(map(str, pixels(1)[0]))] * 20)
 HEADLESS = "\n".join([",".join(map(str, [*row[:2], *row[:2], *row[4:]])) for row in pixels()])
 
 
-@pytest.mark.parametrize(
-    ("text", "parts"),
-    [
-        ("", ("the table is empty",)),
-        ("\n\n", ("the table is empty",)),
-        ("1,2,3\n4,5,6\n", ("3 columns", "18 numbers per row")),
-        ("1,2,3\n4,5\n", ("line 2", "2 columns", "3")),
-        ("1,2\n3,4\n5,oops\n", ("line 3, column 2", "'oops'")),
-        ("frame,x\n3,4\n", ("line 1", "'frame'", "import-recording", "import-tracks")),
-        (b"\x89PNG\r\n\x1a\n\xff\xfe\x00", ("not readable as text",)),
-        (",".join(map(str, pixels(1)[0])), ("one frame", "at least 2")),
-        (STILL, ("no marker moves",)),
-        (HEADLESS, ("first two markers", "no scale")),
-    ],
-)
+@pytest.mark.parametrize(("text", "parts"), [
+    ("", ("the table is empty",)), ("\n\n", ("the table is empty",)),
+    ("1,2,3\n4,5,6\n", ("3 columns", "18 numbers per row")),
+    ("1,2,3\n4,5\n", ("line 2", "2 columns", "3")),
+    ("1,2\n3,4\n5,oops\n", ("line 3, column 2", "'oops'")),
+    ("frame,x\n3,4\n", ("line 1", "'frame'", "import-recording", "import-tracks")),
+    (b"\x89PNG\r\n\x1a\n\xff\xfe\x00", ("not readable as text",)),
+    (",".join(map(str, pixels(1)[0])), ("one frame", "at least 2")),
+    (STILL, ("no marker moves",)),
+    (HEADLESS, ("first two markers", "no scale")),
+])  # fmt: skip
 def test_tables_that_are_no_tracks_are_refused(tmp_path, text, parts):
     table = tmp_path / "swim.csv"
     table.write_bytes(text if isinstance(text, bytes) else text.encode())
@@ -114,16 +107,13 @@ def test_a_frame_rate_that_no_camera_has_is_refused(tmp_path, fps):
     assert says(refused(read_published, table, fps=fps), f"fps is {fps}", "finite and above 0")
 
 
-@pytest.mark.parametrize(
-    ("name", "content", "parts"),
-    [
-        ("nowhere", None, ("not there", "give a folder")),
-        ("file", b"", ("a file, not a folder",)),
-        ("empty", {}, ("neither reference.json nor any .csv", "swim2real track", "swim2real fetch")),
-        ("swim.mp4", b"", ("a film", "swim2real pick", "swim2real track")),
-        ("films", {"a.mp4": b"", "b.mov": b""}, ("films ('a.mp4', …)", "swim2real pick", "a.points.json")),
-    ],
-)
+@pytest.mark.parametrize(("name", "content", "parts"), [
+    ("nowhere", None, ("not there", "give a folder")),
+    ("file", b"", ("a file, not a folder",)),
+    ("empty", {}, ("neither reference.json nor any .csv", "swim2real track", "swim2real fetch")),
+    ("swim.mp4", b"", ("a film", "swim2real pick", "swim2real track")),
+    ("films", {"a.mp4": b"", "b.mov": b""}, ("films ('a.mp4', …)", "swim2real pick", "a.points.json")),
+])  # fmt: skip
 def test_what_is_no_reference_is_refused(tmp_path, name, content, parts):
     place = tmp_path / name
     if isinstance(content, dict):
@@ -161,9 +151,6 @@ def test_without_the_cameras_perspective_markers_of_the_published_tracks_keep_th
             assert change[0][1] < -5
         if trial.name in ("f1_00", "f1_25", "f1_75"):
             assert np.abs(change[1]).max() < 3.5
-
-
-# reference folders
 
 
 @pytest.fixture
@@ -256,28 +243,25 @@ def test_ordinary_names_are_read_in_either_form_and_found_by_the_other(tmp_path,
     assert load_reference(tmp_path).names == (again.name,)
 
 
-@pytest.mark.parametrize(
-    ("change", "parts"),
-    [
-        (lambda i: i.update(format=2), ("'format' is 2", "1")),
-        (lambda i: i.pop("format"), ("'format' is missing",)),
-        (lambda i: i.update(trials=[]), ("'trials' is []", "at least 1")),
-        (lambda i: i.pop("markers"), ("'markers' is missing",)),
-        (lambda i: i["trials"].append("more"), ("'trials[2]'", '"more"')),
-        (lambda i: i["trials"].append(i["trials"][0]), ("two trials", "'slow'")),
-        (lambda i: i["trials"][0].update(video=3), ("'trials[0].video' is 3", "text")),
-        (lambda i: i["trials"][0].update(name=3), ("'trials[0].name' is 3", "text")),
-        (lambda i: i["trials"][0].update(fps=-60), ("'trials[0].fps' is -60", "above 0")),
-        (lambda i: i["trials"][0].update(fps=True), ("'trials[0].fps' is true", "number")),
-        (lambda i: i["trials"][0].update(nominal_frequency_hz="fast"), ("nominal_frequency_hz'", '"fast"', "number")),
-        (lambda i: i["trials"][0].update(meters_per_pixel=float("nan")), ("meters_per_pixel'", "NaN", "finite")),
-        (lambda i: i["trials"][0].update(table="none.csv"), ("reference.json", "'none.csv' of trial 'slow'", "not in")),
-        (lambda i: i["trials"][0].update(fps=30), ("'fps' of trial 'slow' is 30", "slow.csv", "60 frames per second")),
-        (lambda i: i["trials"][0].update(video_begin=1.0), ("no 'video_begin'", "did you mean 'video_begin_s'")),
-        (lambda i: i["trials"][1]["perspective"].update(nearness=[0.6]), ("nearness[0]' is 0.6", "at most 0.5")),
-        (lambda i: i.update(marker=[]), ("there is no 'marker'", "did you mean 'markers'")),
-    ],
-)
+@pytest.mark.parametrize(("change", "parts"), [
+    (lambda i: i.update(format=2), ("'format' is 2", "1")),
+    (lambda i: i.pop("format"), ("'format' is missing",)),
+    (lambda i: i.update(trials=[]), ("'trials' is []", "at least 1")),
+    (lambda i: i.pop("markers"), ("'markers' is missing",)),
+    (lambda i: i["trials"].append("more"), ("'trials[2]'", '"more"')),
+    (lambda i: i["trials"].append(i["trials"][0]), ("two trials", "'slow'")),
+    (lambda i: i["trials"][0].update(video=3), ("'trials[0].video' is 3", "text")),
+    (lambda i: i["trials"][0].update(name=3), ("'trials[0].name' is 3", "text")),
+    (lambda i: i["trials"][0].update(fps=-60), ("'trials[0].fps' is -60", "above 0")),
+    (lambda i: i["trials"][0].update(fps=True), ("'trials[0].fps' is true", "number")),
+    (lambda i: i["trials"][0].update(nominal_frequency_hz="fast"), ("nominal_frequency_hz'", '"fast"', "number")),
+    (lambda i: i["trials"][0].update(meters_per_pixel=float("nan")), ("meters_per_pixel'", "NaN", "finite")),
+    (lambda i: i["trials"][0].update(table="none.csv"), ("reference.json", "'none.csv' of trial 'slow'", "not in")),
+    (lambda i: i["trials"][0].update(fps=30), ("'fps' of trial 'slow' is 30", "slow.csv", "60 frames per second")),
+    (lambda i: i["trials"][0].update(video_begin=1.0), ("no 'video_begin'", "did you mean 'video_begin_s'")),
+    (lambda i: i["trials"][1]["perspective"].update(nearness=[0.6]), ("nearness[0]' is 0.6", "at most 0.5")),
+    (lambda i: i.update(marker=[]), ("there is no 'marker'", "did you mean 'markers'")),
+])  # fmt: skip
 def test_a_damaged_index_is_refused(folder, change, parts):
     edit_index(folder, change)
     assert says(refused(load_reference, folder), *parts)
@@ -309,29 +293,23 @@ def with_cell(lines, line, column, text):
 HEADER = ("line 1", "time_s,P0_x_m,P0_y_m,P0_confidence", "28 columns")
 
 
-@pytest.mark.parametrize(
-    ("change", "parts"),
-    [
-        (lambda x: x[1:], HEADER),
-        (lambda x: with_cell(x, 1, 2, "x"), HEADER),
-        (lambda x: with_cell(x, 7, 5, "abc"), ("line 7, column 5", "'abc'")),
-        (lambda x: [*x, "1,2,3"], ("line 33", "3 columns", "28")),
-        (lambda x: x[:1], ("the table is empty",)),
-        (lambda x: x[:2], ("one frame", "at least 2")),
-        (lambda x: with_cell(x, 9, 1, "0"), ("finite and rise",)),
-        (lambda x: with_cell(x, 9, 1, ""), ("finite and rise",)),
-        (lambda x: with_cell(x, 9, 4, "1.5"), ("confidence", "0 and 1")),
-        (lambda x: with_cell(x, len(x), 1, "1e6"), ("31 rows in 1e+06 s", "1e-06 to 10 s")),
-        (lambda x: [x[0], x[1], with_cell(x, 2, 1, "1")[1]], ("no marker moves",)),
-    ],
-)
+@pytest.mark.parametrize(("change", "parts"), [
+    (lambda x: x[1:], HEADER),
+    (lambda x: with_cell(x, 1, 2, "x"), HEADER),
+    (lambda x: with_cell(x, 7, 5, "abc"), ("line 7, column 5", "'abc'")),
+    (lambda x: [*x, "1,2,3"], ("line 33", "3 columns", "28")),
+    (lambda x: x[:1], ("the table is empty",)),
+    (lambda x: x[:2], ("one frame", "at least 2")),
+    (lambda x: with_cell(x, 9, 1, "0"), ("finite and rise",)),
+    (lambda x: with_cell(x, 9, 1, ""), ("finite and rise",)),
+    (lambda x: with_cell(x, 9, 4, "1.5"), ("confidence", "0 and 1")),
+    (lambda x: with_cell(x, len(x), 1, "1e6"), ("31 rows in 1e+06 s", "1e-06 to 10 s")),
+    (lambda x: [x[0], x[1], with_cell(x, 2, 1, "1")[1]], ("no marker moves",)),
+])  # fmt: skip
 def test_a_damaged_table_is_refused_by_line_and_column(folder, change, parts):
     table = folder / "fast.csv"
     table.write_text("\n".join(change(table.read_text().splitlines())) + "\n")
     assert says(refused(load_reference, folder), table, *parts)
-
-
-# trials that are added
 
 
 def trial(name, seed=0, duration=0.5):

@@ -26,21 +26,15 @@ def torques() -> Signals:
     return Signals([0.1, 0.2, 1 / 3], ["left", "right"], [[1.0, np.nan], [2.0, 1 / 3], [3.0, 1e-17]])
 
 
-# the class
-
-
-@pytest.mark.parametrize(
-    ("times", "names", "values", "parts"),
-    [
-        ([0, 1], ["a"], [[1.0]], ("(1, 1)", "(2,)", "1 names", "(R, K), (R,) and K")),
-        ([0], ["a", "b"], [[1.0]], ("(1, 1)", "(1,)", "2 names")),
-        ([], ["a"], np.zeros((0, 1)), ("at least one row",)),
-        ([0, 0], ["a"], [[1.0], [2.0]], ("finite and rise",)),
-        ([0, np.inf], ["a"], [[1.0], [2.0]], ("finite and rise",)),
-        ([0], ["a", "a"], [[1.0, 2.0]], ("'a', 'a'", "its own name")),
-        ([0], [""], [[1.0]], ("''", "its own name")),
-    ],
-)
+@pytest.mark.parametrize(("times", "names", "values", "parts"), [
+    ([0, 1], ["a"], [[1.0]], ("(1, 1)", "(2,)", "1 names", "(R, K), (R,) and K")),
+    ([0], ["a", "b"], [[1.0]], ("(1, 1)", "(1,)", "2 names")),
+    ([], ["a"], np.zeros((0, 1)), ("at least one row",)),
+    ([0, 0], ["a"], [[1.0], [2.0]], ("finite and rise",)),
+    ([0, np.inf], ["a"], [[1.0], [2.0]], ("finite and rise",)),
+    ([0], ["a", "a"], [[1.0, 2.0]], ("'a', 'a'", "its own name")),
+    ([0], [""], [[1.0]], ("''", "its own name")),
+])  # fmt: skip
 def test_wrong_signals_are_refused(times, names, values, parts):
     assert says(refusal(TrialError, Signals, times, names, values), *parts)
 
@@ -75,9 +69,6 @@ def test_rows_are_cut_by_the_clock_of_the_track():
     assert says(refusal(TrialError, torques().check_clock, 0.4, 5.0), "0.1 s to 0.3333333333 s", "0.4 s to 5 s")
 
 
-# reference folders
-
-
 def test_recordings_are_read_back_to_the_last_digit(tmp_path):
     trial = filmed(controls=torques(), sensors=torques(), start={"hip": 1 / 3}, start_velocities={"hip": -2.0})
     save_reference(TrialSet((trial, filmed("b")), NAMES), tmp_path)
@@ -106,37 +97,31 @@ def test_two_trials_cant_have_one_table(tmp_path):
         assert says(refusal(TrialError, *call), "'a.controls.csv'", "trial 'a.controls'", "choose another name")
 
 
-@pytest.mark.parametrize(
-    ("table", "parts"),
-    [
-        ("time,left\n0,1\n", ("line 1", "time_s,NAME")),
-        ("time_s\n0\n", ("the table is empty",)),
-        ("", ("the table is empty",)),
-        ("time_s,left\n0,1\n1,x\n", ("line 3, column 2", "'x'")),
-        ("time_s,left\n0,1\n1,2,3\n", ("line 3", "3 columns", "2")),
-        ("time_s,left\n0,1,3\n", ("3 columns", "the header names 2")),
-        ("time_s,left\n", ("the table is empty",)),
-        ("time_s,left\n1,1\n0,1\n", ("finite and rise",)),
-        ("time_s,left,left\n1,1,1\n", ("'left', 'left'",)),
-        ("time_s,left\n0,1\n1,2e12\n", ("line 3, column 2", "2e+12", "1e+12")),
-    ],
-)
+@pytest.mark.parametrize(("table", "parts"), [
+    ("time,left\n0,1\n", ("line 1", "time_s,NAME")),
+    ("time_s\n0\n", ("the table is empty",)),
+    ("", ("the table is empty",)),
+    ("time_s,left\n0,1\n1,x\n", ("line 3, column 2", "'x'")),
+    ("time_s,left\n0,1\n1,2,3\n", ("line 3", "3 columns", "2")),
+    ("time_s,left\n0,1,3\n", ("3 columns", "the header names 2")),
+    ("time_s,left\n", ("the table is empty",)),
+    ("time_s,left\n1,1\n0,1\n", ("finite and rise",)),
+    ("time_s,left,left\n1,1,1\n", ("'left', 'left'",)),
+    ("time_s,left\n0,1\n1,2e12\n", ("line 3, column 2", "2e+12", "1e+12")),
+])  # fmt: skip
 def test_a_damaged_table_is_named(tmp_path, table, parts):
     save_reference(TrialSet((filmed(controls=torques()),), NAMES), tmp_path)
     (tmp_path / "a.controls.csv").write_text(table)
     assert says(refusal(TrialError, load_reference, tmp_path), tmp_path / "a.controls.csv", *parts)
 
 
-@pytest.mark.parametrize(
-    ("key", "value", "parts"),
-    [
-        ("controls", "../x.csv", ("controls '../x.csv' of trial 'a'",)),
-        ("sensors", "none.csv", ("sensors 'none.csv' of trial 'a'",)),
-        ("start", [1], ("'trials[0].start' is [1]", "names and values")),
-        ("start", {"hip": "far"}, ("'trials[0].start.hip'", '"far"', "number")),
-        ("start_velocities", {"hip": True}, ("'trials[0].start_velocities.hip'", "true", "number")),
-    ],
-)
+@pytest.mark.parametrize(("key", "value", "parts"), [
+    ("controls", "../x.csv", ("controls '../x.csv' of trial 'a'",)),
+    ("sensors", "none.csv", ("sensors 'none.csv' of trial 'a'",)),
+    ("start", [1], ("'trials[0].start' is [1]", "names and values")),
+    ("start", {"hip": "far"}, ("'trials[0].start.hip'", '"far"', "number")),
+    ("start_velocities", {"hip": True}, ("'trials[0].start_velocities.hip'", "true", "number")),
+])  # fmt: skip
 def test_a_damaged_index_is_named(tmp_path, key, value, parts):
     save_reference(TrialSet((filmed(controls=torques()),), NAMES), tmp_path)
     index = json.loads((tmp_path / "reference.json").read_text())
@@ -203,27 +188,21 @@ def test_a_time_as_it_is_shown_means_its_frame():
     np.testing.assert_allclose(Span(0.067, 0.1).of_track(track, "x").times, [2 / 30, 3 / 30])  # 0.0667 s
 
 
-@pytest.mark.parametrize(
-    ("begin", "until", "parts"),
-    [
-        (6.0, None, ("'pull' ends at 5.000 s", "--from is 6 s", "before the end")),
-        (1.0, 7.0, ("'pull' ends at 5.000 s", "--until is 7 s")),
-        (1.01, 1.02, ("'pull' has 0 frames from 1.01 s to 1.02 s", "at least 2")),
-    ],
-)
+@pytest.mark.parametrize(("begin", "until", "parts"), [
+    (6.0, None, ("'pull' ends at 5.000 s", "--from is 6 s", "before the end")),
+    (1.0, 7.0, ("'pull' ends at 5.000 s", "--until is 7 s")),
+    (1.01, 1.02, ("'pull' has 0 frames from 1.01 s to 1.02 s", "at least 2")),
+])  # fmt: skip
 def test_a_stretch_outside_is_refused(begin, until, parts):
     assert says(refusal(TrialError, TRIAL.within, Span(begin, until)), *parts)
 
 
-@pytest.mark.parametrize(
-    ("begins", "untils", "parts"),
-    [
-        ((-1.0,), (), ("--from is -1 s", "0 or above")),
-        ((2.0,), (1.0,), ("--until is 1 s", "after --from, which is 2 s")),
-        ((), (float("nan"),), ("--until is nan s",)),
-        ((1.0, 2.0), (), ("--from has 2 values for 3 videos", "one for all or each")),
-    ],
-)
+@pytest.mark.parametrize(("begins", "untils", "parts"), [
+    ((-1.0,), (), ("--from is -1 s", "0 or above")),
+    ((2.0,), (1.0,), ("--until is 1 s", "after --from, which is 2 s")),
+    ((), (float("nan"),), ("--until is nan s",)),
+    ((1.0, 2.0), (), ("--from has 2 values for 3 videos", "one for all or each")),
+])  # fmt: skip
 def test_what_is_no_stretch_is_refused(begins, untils, parts):
     assert says(refusal(ArgumentError, spans, begins, untils, 3, "videos"), *parts)
     assert spans((1.0,), (2.0, 3.0, 4.0), 3, "videos") == [Span(1.0, 2.0), Span(1.0, 3.0), Span(1.0, 4.0)]

@@ -34,30 +34,27 @@ CAMPBELL = headed(
 )  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    "text",
-    [
-        headed("time,cmd,q") + rows(),
-        headed("time;cmd;q") + rows(";", ","),
-        headed("time\tcmd\tq") + rows("\t", ",", "\r\n"),
-        headed(" time  cmd   q") + rows("   ", form="{:9.4f}"),
-        headed("time cmd q") + rows(" ", ","),
-        headed("time | cmd | q", "-----|-----|----") + rows(" | "),
-        headed('"time","cmd","q"') + '"' + rows('","', ",", '"\n"')[:-1],
-        headed("sep=;", "time;cmd;q") + rows(";"),
-        headed("# by a program, in June", "# time, cmd, q") + rows(", "),
-        headed("% time,cmd,q", "%") + rows(),
-        headed("Logger,TL-200", "Serial,0042", "Rate,100 Hz", "", "time,cmd,q", "s,rad,rad") + rows(),
-        headed("My experiment,,", "run 3,2024-06-18,", "time,cmd,q") + rows(),
-        headed("time,cmd,q,") + rows(more=","),
-        headed("time,cmd,q") + rows() + "# stopped by operator\n",
-        headed("time,cmd,q") + rows() + "\n,,\n",
-        LABVIEW + rows("\t"),
-        OPENSIM + headed("time\tcmd\tq") + rows("\t", form="{:16.8f}"),
-        CAMPBELL + rows(),
-        '"time\n[s]","cmd\n[deg]",q\n' + rows(),
-    ],
-)
+@pytest.mark.parametrize("text", [
+    headed("time,cmd,q") + rows(),
+    headed("time;cmd;q") + rows(";", ","),
+    headed("time\tcmd\tq") + rows("\t", ",", "\r\n"),
+    headed(" time  cmd   q") + rows("   ", form="{:9.4f}"),
+    headed("time cmd q") + rows(" ", ","),
+    headed("time | cmd | q", "-----|-----|----") + rows(" | "),
+    headed('"time","cmd","q"') + '"' + rows('","', ",", '"\n"')[:-1],
+    headed("sep=;", "time;cmd;q") + rows(";"),
+    headed("# by a program, in June", "# time, cmd, q") + rows(", "),
+    headed("% time,cmd,q", "%") + rows(),
+    headed("Logger,TL-200", "Serial,0042", "Rate,100 Hz", "", "time,cmd,q", "s,rad,rad") + rows(),
+    headed("My experiment,,", "run 3,2024-06-18,", "time,cmd,q") + rows(),
+    headed("time,cmd,q,") + rows(more=","),
+    headed("time,cmd,q") + rows() + "# stopped by operator\n",
+    headed("time,cmd,q") + rows() + "\n,,\n",
+    LABVIEW + rows("\t"),
+    OPENSIM + headed("time\tcmd\tq") + rows("\t", form="{:16.8f}"),
+    CAMPBELL + rows(),
+    '"time\n[s]","cmd\n[deg]",q\n' + rows(),
+])  # fmt: skip
 def test_a_table_is_the_same_in_whatever_form_it_is_written(tmp_path, text):
     (tmp_path / "log.csv").write_text(text, encoding="utf-8", newline="")
     table = read_table(tmp_path / "log.csv")
@@ -158,16 +155,10 @@ def test_lines_of_noise_are_left_out_with_a_word_and_a_row_that_is_damaged_is_no
     assert says(refusal(TrialError, read_table, path), "line 2: 3 columns", "the header names 2")
 
 
-@pytest.mark.parametrize(
-    ("cell", "parts"),
-    [
-        ("oops", "'oops' is not a number; where none is known, leave the cell empty"),
-        ("1_0", "'1_0'"),
-        ("٣", "'٣'"),
-        ("1,234.5", "'1,234.5'"),
-        ("2e12", "1e+12"),
-    ],
-)
+@pytest.mark.parametrize(("cell", "parts"), [
+    ("oops", "'oops' is not a number; where none is known, leave the cell empty"),
+    ("1_0", "'1_0'"), ("٣", "'٣'"), ("1,234.5", "'1,234.5'"), ("2e12", "1e+12"),
+])  # fmt: skip
 def test_a_cell_that_is_no_number_is_named_with_its_place(tmp_path, cell, parts):
     (tmp_path / "log.csv").write_text(headed("time;cmd;q") + rows(";") + f"0.12;0.5;{cell}\n", encoding="utf-8")
     table = read_table(tmp_path / "log.csv")

@@ -18,22 +18,19 @@ def trial(name="a", markers=4, frames=3, nominal=None):
     return Trial(name, MarkerTrack(np.arange(frames) / 10, points(frames, markers)), nominal)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "parts"),
-    [
-        ((TIMES, points(2)), ("(2, 4, 2)", "(3,)", "(T, M, 2)")),
-        ((TIMES, np.zeros((3, 8))), ("(3, 8)", "(T, M, 2)")),
-        ((TIMES, np.zeros((3, 4, 3))), ("(3, 4, 3)", "(T, M, 2)")),
-        ((TIMES[:, None], points()), ("times (3, 1)", "(T,)")),
-        (([0.0], points(1)), ("at least 2 frames", "1")),
-        (([0.0, 0.1, 0.1], points()), ("time stamps", "finite and rise")),
-        (([0.0, np.nan, 0.1], points()), ("time stamps", "finite and rise")),
-        (([0.0, 0.1, np.inf], points()), ("time stamps", "finite and rise")),
-        ((TIMES, points(), np.ones((3, 3))), ("confidence", "(3, 3)", "(3, 4)")),
-        ((TIMES, points(), np.full((3, 4), -0.1)), ("confidence", "within 0 and 1")),
-        ((TIMES, points(), np.full((3, 4), 1.1)), ("confidence", "within 0 and 1")),
-    ],
-)
+@pytest.mark.parametrize(("arguments", "parts"), [
+    ((TIMES, points(2)), ("(2, 4, 2)", "(3,)", "(T, M, 2)")),
+    ((TIMES, np.zeros((3, 8))), ("(3, 8)", "(T, M, 2)")),
+    ((TIMES, np.zeros((3, 4, 3))), ("(3, 4, 3)", "(T, M, 2)")),
+    ((TIMES[:, None], points()), ("times (3, 1)", "(T,)")),
+    (([0.0], points(1)), ("at least 2 frames", "1")),
+    (([0.0, 0.1, 0.1], points()), ("time stamps", "finite and rise")),
+    (([0.0, np.nan, 0.1], points()), ("time stamps", "finite and rise")),
+    (([0.0, 0.1, np.inf], points()), ("time stamps", "finite and rise")),
+    ((TIMES, points(), np.ones((3, 3))), ("confidence", "(3, 3)", "(3, 4)")),
+    ((TIMES, points(), np.full((3, 4), -0.1)), ("confidence", "within 0 and 1")),
+    ((TIMES, points(), np.full((3, 4), 1.1)), ("confidence", "within 0 and 1")),
+])  # fmt: skip
 def test_wrong_tracks_are_refused(arguments, parts):
     assert says(refusal(TrialError, MarkerTrack, *arguments), *parts)
 
@@ -86,15 +83,12 @@ def test_a_cut_keeps_the_frames_within_the_horizon():
     assert Trial("a", MarkerTrack([0.0, 0.02, 0.04, 0.5], points(4))).fps == pytest.approx(50.0)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "parts"),
-    [
-        (((trial("a"), trial("b"), trial("a")),), ("two trials", "'a'", "its own name")),
-        (((),), ("at least one trial",)),
-        (((trial("a"), trial("b", markers=5)),), ("same markers", "a has 4, b has 5")),
-        (((trial("a"),), ("head", "tail")), ("2 marker names for 4 markers",)),
-    ],
-)
+@pytest.mark.parametrize(("arguments", "parts"), [
+    (((trial("a"), trial("b"), trial("a")),), ("two trials", "'a'", "its own name")),
+    (((),), ("at least one trial",)),
+    (((trial("a"), trial("b", markers=5)),), ("same markers", "a has 4, b has 5")),
+    (((trial("a"),), ("head", "tail")), ("2 marker names for 4 markers",)),
+])  # fmt: skip
 def test_wrong_sets_are_refused(arguments, parts):
     assert says(refusal(TrialError, TrialSet, *arguments), *parts)
 
