@@ -4,7 +4,7 @@ The packets are those of Dynamixel's protocol 2.0, with byte stuffing and CRC-16
 calculation). The program itself speaks through the maker's library, so each side checks the other.
 
 Not emulated: extended position, current and PWM modes (they are accepted, but nothing turns), indirect addresses, reg
-write, action, sync read and bulk packets (answered with an instruction error), homing offset, reverse mode, load. The
+write, action, reboot, sync read and bulk packets (answered with an instruction error), homing offset, reverse, load. The
 motor accelerates as its profile says, but no faster than `STEEPEST`, and reaches no speed beyond the data sheet's no
 load speed at 12 V. In position mode it takes the quickest way to its goal that the profile allows, and stops there.
 
@@ -31,7 +31,7 @@ from motorline.control_table import Model, Register
 from motorline.schedule import real_time_priority
 
 HEADER = b"\xff\xff\xfd\x00"
-PING, READ, WRITE, REBOOT, STATUS, SYNC_WRITE = 0x01, 0x02, 0x03, 0x08, 0x55, 0x83
+PING, READ, WRITE, STATUS, SYNC_WRITE = 0x01, 0x02, 0x03, 0x55, 0x83
 BROADCAST = 254  # id that all motors listen to and none answers
 _LONGEST = 1024  # bytes after the header's length field; longer ones are noise
 STEEPEST = 300.0  # rad/s², what it can do at most
@@ -72,7 +72,7 @@ class Packet:
 
     Attributes:
         id: Id of the motor that it is for.
-        instruction: One of `PING`, `READ`, `WRITE`, `REBOOT`, `STATUS`, `SYNC_WRITE`, or one that isn't emulated.
+        instruction: One of `PING`, `READ`, `WRITE`, `STATUS`, `SYNC_WRITE`, or one that isn't emulated.
         parameters: Its content without byte stuffing.
         intact: Whether its CRC was right.
     """
@@ -218,12 +218,7 @@ class EmulatedMotor:
             return self._write(packet.parameters), b""
         if packet.instruction == SYNC_WRITE and packet.id == BROADCAST:
             return self._sync_write(packet.parameters), b""
-        if packet.instruction != REBOOT:
-            return ct.INSTRUCTION_ERROR, b""
-        for register in _BY_ADDRESS.values():
-            if register.address >= _RAM:
-                self._set(register, _DEFAULTS.get(register, 0))
-        return 0, b""
+        return ct.INSTRUCTION_ERROR, b""
 
     def _answers(self, instruction: int) -> bool:
         level = self._get(ct.STATUS_RETURN_LEVEL)

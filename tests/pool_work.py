@@ -11,6 +11,13 @@ from swimbase.errors import TrialError
 NAME = "unset"
 
 
+def alive(pid: int) -> bool:
+    try:
+        return "State:\tZ" not in Path(f"/proc/{pid}/status").read_text()
+    except OSError:
+        return False
+
+
 def square_and_process(number: int) -> tuple[int, int]:
     return number**2, os.getpid()
 

@@ -29,7 +29,7 @@ def test_importing_it_imports_nothing_else():
     assert (done.returncode, done.stdout.strip()) == (0, "")
 
 
-def test_a_run_from_its_settings_to_what_it_left(tmp_path):
+def test_a_run_and_swims_from_settings_to_what_they_leave(tmp_path):
     reference = pendulum_reference(1e-3)
     settings = swim2real.CalibrationSettings(method="random", budget=3, threads=1)
     outcome = swim2real.calibrate(reference, PENDULUM, settings, tmp_path / "run")
@@ -37,8 +37,5 @@ def test_a_run_from_its_settings_to_what_it_left(tmp_path):
     compared = swim2real.evaluate(PENDULUM.space.published, reference, PENDULUM)
     assert isinstance(compared, swim2real.Comparison)
     assert compared.loss > 0
-
-
-def test_swims_are_simulated():
     (swim,) = swim2real.simulate(FISH.space.published, FISH, [1.5], seconds=0.1, from_rest=True, threads=1)
     assert swim.track.frame_count == 7

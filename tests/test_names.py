@@ -74,14 +74,11 @@ def test_text_is_shown_without_characters_that_arent_seen(text: str) -> None:
     assert visible(shown) == shown
 
 
-def test_codes_say_what_was_there() -> None:
+def test_codes_say_what_was_there_and_names_that_a_system_takes_for_one_have_one_key() -> None:
     assert visible("a\x1b[31mb\x9b\u202e\U000e0041\udcff") == "a\\x1b[31mb\\x9b\\u202e\\U000e0041\\udcff"
     assert visible("two\nlines\tand été 日本") == "two\nlines\tand été 日本"
     assert quoted("a\nb\x1b") == "'a\\nb\\x1b'"
     assert len(quoted("x" * 1000)) < 70
-
-
-def test_names_that_a_system_takes_for_one_have_the_same_key() -> None:
     assert file_key("Übung") == file_key(unicodedata.normalize("NFD", "übung"))
     assert file_key("a") != file_key("b")
 

@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 
 import pool_work
+from pool_work import alive
 from swim2real.processes import ProcessDiedError, ProcessPool
 from swimbase.errors import ArgumentError, TrialError
 
@@ -25,13 +26,6 @@ def wait_for(path: Path) -> str:
         assert time.monotonic() < deadline, f"{path} doesn't appear"
         time.sleep(0.01)
     return path.read_text()
-
-
-def alive(pid: int) -> bool:
-    try:
-        return "State:\tZ" not in Path(f"/proc/{pid}/status").read_text()
-    except OSError:
-        return False
 
 
 def test_work_is_done_in_processes_that_are_used_again():

@@ -107,12 +107,9 @@ def test_a_file_where_a_folder_would_be_is_named(tmp_path, place):
     assert store.reason(caught.value) == f"'{tmp_path / 'a.csv'}' is a file and no folder; give another place"
 
 
-def test_a_reason_that_isnt_a_full_disk_says_nothing_of_room(tmp_path):
+def test_a_reason_is_a_sentence_and_says_room_only_of_a_full_disk(tmp_path):
     assert store.reason(PermissionError(errno.EACCES, "Permission denied", str(tmp_path))) == "Permission denied"
     assert store.reason(OSError("odd")) == "odd"
-
-
-def test_a_file_that_cant_be_written_is_a_sentence(tmp_path):
     place = tmp_path / "gone" / "a.json"
     with pytest.raises(RunError) as said, store.writing(place, RunError, "make the folder first", what="table"):
         store.write_json(place, {})

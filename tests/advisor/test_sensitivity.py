@@ -68,16 +68,13 @@ def test_it_finds_what_has_an_effect(seed):
     assert best.loss < 0.02 * told[0].loss
 
 
-def test_what_has_no_effect_is_left_where_it_is_and_named():
+def test_what_isnt_seen_is_named_alone_or_as_a_product():
     optimizer, told = search(24)
     first = optimizer.rounds[0]
     assert first.proposal.notes["not_identified"] == ["paint"]
     assert "It hardly answers to paint: these trials don't tell it so far." in first.proposal.diagnosis
     stepped = [e.candidate.point[3] for e in told if e.candidate.note["source"] == "line search"]
     assert set(stepped) == {first.incumbent.candidate.point[3]}
-
-
-def test_two_that_make_up_for_one_another_are_named_with_what_is_seen():
     optimizer, told = search(20, only_the_product)
     proposal = optimizer.rounds[0].proposal
     assert {"damper", "mass", "paint"} == set(proposal.notes["not_identified"])

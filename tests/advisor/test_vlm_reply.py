@@ -30,10 +30,13 @@ def refusal(text: str) -> str:
     return str(caught.value)
 
 
-def test_a_whole_reply_is_taken_as_it_is():
+def test_a_reply_is_taken_as_it_is_and_what_it_lacks_is_noted():
     parsed = parse_reply(reply(drag=1.5, arm=0.04, spring=2), SPACE, NOW)
     assert parsed.values == {"drag": 1.5, "arm": 0.04, "spring": 2.0}
     assert (parsed.diagnosis, parsed.reasoning, parsed.notes()) == ("too slow", "drag", {})
+    parsed = parse_reply(reply(drag=99, gravity=3, arm=None), SPACE, NOW)
+    assert parsed.values == {"drag": 10.0, "arm": 0.03, "spring": 1.0}
+    assert parsed.notes() == {"ignored": ["gravity"], "missing": ["arm", "spring"], "clipped": {"drag": 99.0}}
 
 
 @pytest.mark.parametrize("around", [
@@ -44,12 +47,6 @@ def test_a_whole_reply_is_taken_as_it_is():
 ])  # fmt: skip
 def test_json_is_found_in_what_stands_around_it(around):
     assert parse_reply(around.replace("@", reply(drag=1.5)), SPACE, NOW).values["drag"] == 1.5
-
-
-def test_unknown_names_are_ignored_missing_ones_keep_their_value_and_bounds_clip():
-    parsed = parse_reply(reply(drag=99, gravity=3, arm=None), SPACE, NOW)
-    assert parsed.values == {"drag": 10.0, "arm": 0.03, "spring": 1.0}
-    assert parsed.notes() == {"ignored": ["gravity"], "missing": ["arm", "spring"], "clipped": {"drag": 99.0}}
 
 
 @pytest.mark.parametrize(

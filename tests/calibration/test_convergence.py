@@ -22,6 +22,8 @@ def test_a_lower_loss_in_the_last_quarter_is_told_with_what_to_do():
     fell = entries(9, 5, 4, 6, 4, 5, 4.5, 3)
     says = "the loss was still falling: 25 % lower in the last quarter of the budget; raise --budget and add --resume"
     assert (still_falling(fell, settings(8)) or "").startswith(says)
+    assert best_losses(entries(FAILED, 2.0, FAILED, 0.5)) == [1.0, 2.0, 2.0, 0.5]
+    assert "90 % lower" in (still_falling(entries(FAILED, FAILED, FAILED, 0.1), settings(4)) or "")
 
 
 @pytest.mark.parametrize(("found", "budget"), [
@@ -34,11 +36,6 @@ def test_a_lower_loss_in_the_last_quarter_is_told_with_what_to_do():
 ], ids=["fell before", "fell by less than 5 %", "budget not spent", "too short", "all failed", "nothing"])  # fmt: skip
 def test_nothing_is_told_of_any_other_run(found, budget):
     assert still_falling(found, settings(budget)) is None
-
-
-def test_the_first_that_doesnt_fail_late_counts_as_falling():
-    assert best_losses(entries(FAILED, 2.0, FAILED, 0.5)) == [1.0, 2.0, 2.0, 0.5]
-    assert "90 % lower" in (still_falling(entries(FAILED, FAILED, FAILED, 0.1), settings(4)) or "")
 
 
 def by(source, count, lowest):

@@ -11,7 +11,7 @@ import pytest
 import small_run
 
 import refused
-from run_settings import record_of
+from run_settings import record_of as record
 from swim2real.calibration import RunFolder, minimize
 from swim2real.parameters import read_parameters
 from swimbase.errors import RunError
@@ -22,10 +22,6 @@ both = pytest.mark.parametrize("method", METHODS)
 
 
 refusal = partial(refused.refusal, RunError)
-
-
-def record(run: Path) -> list[dict]:
-    return record_of(run)
 
 
 def without_seconds(run: Path) -> list[str]:
@@ -125,7 +121,7 @@ def test_a_diverged_simulation_is_recorded_and_not_the_best(reference, tmp_path,
     folder = RunFolder(tmp_path / "run")
     folder.path.mkdir()
     best, _ = minimize(problem, robot.space, search, 3, folder)
-    entries = record_of(folder)
+    entries = record(folder)
     assert [entry["failed"] for entry in entries] == [True, True, False]
     assert [entry["loss"] for entry in entries[:2]] == [1.0, 1.0]
     assert entries[0]["reason"].startswith("trial 'f1_30': the simulation diverged ")

@@ -36,13 +36,10 @@ def folder(tmp_path) -> RunFolder:
     return found
 
 
-def test_settings_are_read_back_and_never_written_twice(folder):
+def test_settings_are_read_back_and_what_may_differ_does(folder):
     assert folder.exists
     assert folder.settings() == SETTINGS
     assert f"'{folder.path}' holds a run already" in refusal(folder.begin, SETTINGS)
-
-
-def test_threads_and_what_nobody_is_shown_may_differ_and_a_higher_budget_is_taken_over(folder):
     before = folder.settings_path.read_bytes()
     folder.resume(replace(SETTINGS, threads=8, briefing=BriefingSettings("numbers"), created="later"))
     assert folder.settings_path.read_bytes() == before
@@ -88,15 +85,12 @@ def test_damaged_settings_are_named(folder, text, words):
     assert words in refusal(folder.settings)
 
 
-def test_what_is_appended_is_read_back(folder):
+def test_what_is_appended_is_read_back_and_nan_never_gets_on_record(folder):
     entries = [line(0, loss=0.1 + 0.2), line(1, loss=1 / 3, note={"source": "é\n"})]
     for entry in entries:
         folder.append(entry)
     assert record_of(folder) == entries
     assert (folder.path / "record.jsonl").read_bytes().count(b"\n") == 2
-
-
-def test_nan_never_gets_on_record(folder):
     with pytest.raises(ValueError, match="not JSON compliant"):
         folder.append({"loss": float("nan")})
     assert record_of(folder) == []

@@ -55,14 +55,11 @@ def test_why_a_parameter_changes_nothing_is_told(tmp_path, writes, model, says):
     assert why_no_effect(open_robot_file(place), load_robot(place), "x") == says
 
 
-def test_what_is_fixed_to_the_world_has_no_mass(tmp_path):
+def test_what_is_fixed_or_commanded_0_changes_nothing(tmp_path):
     fixed = '<body name="post"><inertial mass="1" pos="0 0 0" diaginertia="1 1 1"/><geom name="post" size="1"/></body>'
     model = ARM.replace("<worldbody>", f"<worldbody>{fixed}")
     place = made(tmp_path, ROBOT, RECORDINGS, parameter("'body \"post\" mass'"), model=model)
     assert why_no_effect(open_robot_file(place), load_robot(place), "x") == "body 'post' is fixed to the world"
-
-
-def test_a_control_of_0_drives_nothing(tmp_path):
     gear = parameter("'actuator \"torque\" gear[0]'")
     for control, why in (("0", "no control drives actuator 'torque'"), ('"table"', None)):
         place = made(tmp_path, ROBOT, f"[recordings.controls]\ntorque = {control}\n", gear)

@@ -39,17 +39,11 @@ def boat(tmp_path):
     return made
 
 
-def test_a_boat_that_floats_upright_is_left_in_peace(boat):
+def test_what_floats_upright_is_left_in_peace_and_what_capsizes_or_sinks_is_told(boat):
     assert afloat(boat()) == []
     assert afloat(FISH) == []
-
-
-def test_a_righting_moment_below_the_weight_of_the_mast_capsizes(boat):
     (told,) = afloat(boat(lower=0.1))  # the mast alone wants 0.5 kg * 9.81 m/s² * 0.1 m = 0.49 N·m/rad
     assert told.startswith("body 'hull' capsizes with roll_stiffness = 0.1: left alone with a tilt of 5° it turns by ")
-
-
-def test_what_nothing_holds_at_the_water_line_sinks_unless_there_is_no_water(boat):
     (told,) = afloat(boat(line=0.0))
     assert told.startswith("body 'hull' sinks by ")
     assert afloat(boat(line=0.0, density=1.2)) == []

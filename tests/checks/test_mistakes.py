@@ -170,10 +170,12 @@ def test_one_trial_of_several_is_named_and_other_natural_frequencies_are_no_cloc
     assert judged(robot, changed(trials, clocked(1.2))).doubts == ()
 
 
-def test_the_first_frame_is_shown_where_the_place_in_the_world_is_of_no_importance(sound):
+def test_encoders_without_readings_tell_nothing_and_a_place_of_no_importance_is_none(sound):
     trials = changed(sound["floater"][1], placed(lambda p: p + np.array([0.5, 0.2])))
     slow, _ = starts(telling(FLOATER, start="rest"), trials).values()
     assert np.abs(slow[0]).max() < 2e-3
+    robot, trials = sound["pendulum"]
+    assert judged(robot, changed(trials, lambda trial: replace(trial, sensors=None))).doubts == ()
 
 
 @pytest.mark.slow
@@ -193,8 +195,3 @@ def test_few_markers_and_frames_without_any_are_judged_as_far_as_they_tell(sound
     assert judged(lone, swung).doubts == ()
     (said,) = judged(lone, changed(swung, signals("controls", np.negative))).doubts
     assert "commands of actuator 'torque' look of the other sign: say NAME=COLUMN:-1" in said or "in a mirror" in said
-
-
-def test_encoders_without_readings_tell_nothing(sound):
-    robot, trials = sound["pendulum"]
-    assert judged(robot, changed(trials, lambda trial: replace(trial, sensors=None))).doubts == ()

@@ -65,15 +65,12 @@ def test_where_no_start_is_named_each_recording_gets_what_suits_it(trials, start
     assert other_start(unnamed, trials) is None
 
 
-def test_a_command_that_jumps_as_a_recording_begins_speaks_for_no_start():
+def test_a_start_elsewhere_is_fitted_and_a_command_that_jumps_speaks_for_none():
     table = Signals([0.0, 2.0], ["torque"], [[0.1], [0.1]])
     trials = recorded(RESTING, PENDULUM_HIDDEN, [blank(RESTING, "a", 2.0, controls=table)], 3e-4)
     (one,) = better_starts(RESTING, trials).values()
     assert one.start == "rest"
     assert other_start(RESTING, trials) is None
-
-
-def test_a_start_elsewhere_than_the_file_says_is_fitted():
     start = {"shoulder": 0.2, "elbow": 0.1}
     begun = blank(RESTING, "a", 1.0, controls=torque_table(1.0), start=start)
     placed = recorded(RESTING, PENDULUM_HIDDEN, [begun], 3e-4)

@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 
 import swim2real
+from pool_work import alive
 from swim2real.cli import main
 
 
@@ -76,13 +77,6 @@ def until(condition: Callable[[], object], started: subprocess.Popen) -> None:
         assert started.poll() is None, started.communicate()[1]
         assert time.monotonic() < deadline, "it doesn't get on"
         time.sleep(0.01)
-
-
-def alive(pid: int) -> bool:
-    try:
-        return "State:\tZ" not in Path(f"/proc/{pid}/status").read_text()
-    except OSError:
-        return False
 
 
 def interrupted(words: list[object], begun: Callable[[], object], workers: int = 0) -> list[str]:

@@ -16,7 +16,7 @@ from program import CTRL_C, interrupted, process
 
 import swim2real
 from pools import NAMES
-from run_settings import record_of
+from run_settings import record_of as record
 from swim2real.calibration import RunFolder
 from swim2real.cli import main
 from swim2real.robots.fish import FISH
@@ -60,10 +60,6 @@ def run(finished, tmp_path) -> Path:
     return Path(shutil.copytree(finished, tmp_path / "run"))
 
 
-def record(run: Path) -> list[dict]:
-    return record_of(run)
-
-
 def without_warnings(text: str) -> list[str]:
     return [line for line in text.splitlines() if not line.startswith("swim2real: warning: ")]
 
@@ -83,6 +79,7 @@ def parameters(tmp_path):
 
 
 def test_the_help_lists_every_command_and_each_explains_itself(program):
+    assert program("--version").done().out == f"swim2real {swim2real.__version__}\n"
     program()
     assert program.code == 2
     assert "swim2real COMMAND" in program.text
@@ -129,11 +126,6 @@ def test_a_second_interruption_while_the_first_ends_the_program_changes_nothing(
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
     assert (done.returncode, done.stdout, done.stderr) == (1, "", "swim2real: interrupted\n")
-
-
-def test_it_runs_as_a_module():
-    done = subprocess.run([sys.executable, "-m", "swim2real", "--version"], capture_output=True, text=True, timeout=60)
-    assert (done.returncode, done.stdout, done.stderr) == (0, f"swim2real {swim2real.__version__}\n", "")
 
 
 @pytest.mark.slow
@@ -282,11 +274,12 @@ def test_a_run_is_moved_with_its_reference_and_goes_on(program, pendulum_folder,
     assert said.endswith(f"give the one that it was made with, {moved / 'tracks'}")
 
 
-def test_report_writes_the_page_again(program, run):
-    page = run / "report.html"
-    page.unlink()
-    program("report", run).done()
-    assert program.out.strip() == str(page)
+def test_report_writes_pages_again(program, run, tmp_path):
+    runs = run, Path(shutil.copytree(run, tmp_path / "other"))
+    for one in runs:
+        (one / "report.html").unlink()
+    assert program("report", *runs).done().out.split() == [str(one / "report.html") for one in runs]
+    page = runs[1] / "report.html"
     assert not re.search(r"<(script|link|img|iframe)[^>]*\s(src|href)\s*=\s*[\"']?(https?:)?//", page.read_text())
 
 

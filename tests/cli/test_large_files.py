@@ -11,7 +11,7 @@ from markertrack.cleaning import beat_window
 from markertrack.quality import check_track
 from markertrack.track import MarkerTrack
 from refused import refusal, says
-from swim2real.trials import TrialSet, load_reference, save_reference
+from swim2real.trials import Trial, TrialSet, load_reference, save_reference
 from swim2real.trials.beat import identify_beat
 from swim2real.trials.signals import read_signals
 from swimbase import store
@@ -65,19 +65,13 @@ def test_the_beat_of_a_long_trial_is_found_and_a_gap_of_years_costs_nothing(leap
 @pytest.mark.parametrize("scale", [1e3, 1e-6])
 def test_time_stamps_in_another_unit_are_refused(tmp_path, scale):
     """What would be simulated is as long as the stamps say, so their mean step has limits."""
-    save_reference(_set(frames(60)), tmp_path)
+    save_reference(TrialSet((Trial("swim", swim(frames(60))),), tuple("ABCDE")), tmp_path)
     table = tmp_path / "swim.csv"
     head, *rows = table.read_text().splitlines()
     changed = [f"{float(row.partition(',')[0]) * scale!r},{row.partition(',')[2]}" for row in rows]
     table.write_text("\n".join([head, *changed]) + "\n")
     with pytest.raises(TrialError, match="s from one to the next; allowed are 1e-06 to 10 s"):
         load_reference(tmp_path)
-
-
-def _set(times) -> TrialSet:
-    from swim2real.trials import Trial
-
-    return TrialSet((Trial("swim", swim(times)),), tuple("ABCDE"))
 
 
 def large(path: Path, size: int, head: bytes = b"time_s,a\n0,1\n") -> Path:
@@ -119,16 +113,13 @@ def test_arrays_are_no_larger_than_their_file(tmp_path):
         store.read_arrays(tmp_path / "small.npz")
 
 
-def test_what_is_no_file_is_not_read(tmp_path):
+def test_what_is_no_file_or_has_too_many_rows_is_not_read(tmp_path):
     os.mkfifo(tmp_path / "pipe")
     (tmp_path / "zero").symlink_to("/dev/zero")
     for name in ("pipe", "zero"):
         for read in (store.read_json, store.read_arrays, store.read_text):
             with pytest.raises(OSError, match="a device, a pipe or a socket, not a file"):
                 read(tmp_path / name)
-
-
-def test_a_table_is_refused_by_its_rows(tmp_path):
     table = tmp_path / "long.csv"
     table.write_bytes(b"time_s,a\n" + b"0,1\n" * 1_000_001)
     assert says(refusal(TrialError, read_signals, table), "more than 1000000 rows", "cut it into shorter trials")

@@ -71,15 +71,14 @@ def test_progress_and_words_of_an_advisor_are_only_text(on_a_terminal: bool, mon
     assert "\\u202egpj.exe" in shown
 
 
-def test_an_error_names_a_file_without_its_escapes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_error_that_names_a_file_and_a_warning_of_a_library_are_only_text(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     for place in ("a\x1b[2Jb\u202ec", "[/red]", "a\udcffb"):
         with pytest.raises(SystemExit) as end:
             main(["report", str(tmp_path / place)])
         assert end.value.code == 1
         check(capsys.readouterr().err, place)
-
-
-def test_a_warning_of_a_library_is_only_text() -> None:
     check(terminal.warning_line(f"Glyph {ALL}", UserWarning, "x.py", 1), ALL)
 
 

@@ -175,8 +175,7 @@ def test_cut_makes_shorter_trials_in_another_reference(program, pendulum_folder,
         short.controls.at("torque", short.track.times), whole.controls.at("torque", whole.track.times[there])
     )
     assert program.out == f"b: {there.sum()} of {whole.track.frame_count} frames, {short.track.duration:.3f} s\n"
-    program("calibrate", tmp_path / "short", "--robot", pendulum_folder / "pendulum.toml", "--out", tmp_path / "run",
-            "--method", "random", "--budget", 1, "--quiet").done()  # fmt: skip
+    program("quality", tmp_path / "short", "--robot", pendulum_folder / "pendulum.toml").done()
 
 
 def test_a_bad_video_leaves_the_others_alone_and_leaves_with_1(program, clip, tmp_path):

@@ -33,17 +33,13 @@ def parsed(text: str) -> tuple[set[str], str]:
 
 
 @pytest.mark.parametrize("attack", ATTACKS)
-def test_a_table_is_only_a_table(attack: str) -> None:
+def test_tables_are_only_tables(attack: str) -> None:
     cells = (Cell(attack), Cell(attack, 1.0, is_best=True))
     kinds, words = parsed(as_markdown(Table("t", attack, ("Method", attack, "b"), ((attack, cells),), "note")))
     assert kinds <= ONLY | {"text_special"}
     assert kinds >= {"table", "strong"}
     plain = attack.split("\n")[0].split("\u202e")[0]
     assert words.count(plain) == 5
-
-
-@pytest.mark.parametrize("attack", ATTACKS)
-def test_all_tables_of_a_comparison_hold_hostile_methods(attack: str) -> None:
     results = two_methods()
     runs = tuple(replace(run, method=f"{run.method} {attack}") for run in results.runs)
     hostile = replace(results, runs=runs, methods=tuple(f"{method} {attack}" for method in results.methods))

@@ -107,11 +107,14 @@ def test_speeds_go_by_frequency_and_divergence_is_no_speed() -> None:
     assert speeds([]) is None
 
 
-def test_marker_errors_grow_from_head_to_tail_and_skip_lost_ones() -> None:
+def test_results_and_marker_errors_come_back_as_they_are(tmp_path) -> None:
     runs = [made_run("a", 0, [0.1] * 8), made_run("a", 1, [0.2] * 8, lost=True)]
     np.testing.assert_allclose(marker_errors(runs, "aligned", 3), [[0.05, 0.1, 0.15], [0.1, 0.2, 0.3]])
     np.testing.assert_allclose(marker_errors(runs, "marker", 3), 2 * marker_errors(runs, "aligned", 3))
     np.testing.assert_allclose(marker_errors(runs, "shape", 3), [[0, 0.05, 0.1], [0, 0.1, np.nan]])
+    for made in (playback_results(), two_methods()):
+        (tmp_path / "results.json").write_text(json.dumps(made.as_dict()))
+        assert load_results(tmp_path) == made
 
 
 def test_left_out_trials_are_judged_beside_the_fit_that_knew_them(results: ComparisonResults) -> None:
@@ -153,9 +156,3 @@ def test_the_tables_of_recordings_have_the_figures_that_there_are() -> None:
     turning = {table.key: table for table in tables(playback_results(heading_error=math.pi / 2), "playback")}
     assert turning["figures"].columns[-1] == "Heading error (°)"
     assert turning["figures"].rows[0][1][-1].text == "90.0 ± 0.0"
-
-
-def test_results_come_back_as_they_were_written(tmp_path) -> None:
-    for made in (playback_results(), two_methods()):
-        (tmp_path / "results.json").write_text(json.dumps(made.as_dict()))
-        assert load_results(tmp_path) == made

@@ -79,13 +79,10 @@ def test_a_plain_camera_films_the_swim_itself_whatever_the_time_step(plain):
     assert 1e-9 < np.abs(filmed(timestep=5e-4)[0].body - plain.body).max() < 5e-3
 
 
-def test_noise_shakes_every_marker_anew(plain):
+def test_noise_shakes_every_marker_anew_and_misplaced_ones_have_a_static_offset_each(plain):
     difference = filmed(noise=1e-3)[0].positions - plain.positions
     assert difference.std(axis=0) == pytest.approx(np.full((9, 2), 1e-3), rel=0.35)
     assert np.abs(np.diff(difference, axis=0)).mean() == pytest.approx(2e-3 / np.sqrt(np.pi), rel=0.1)
-
-
-def test_misplaced_markers_have_a_static_offset_each_but_along_the_head(plain):
     (track,) = filmed(placement=5e-3)
     lengths = np.linalg.norm(track.positions - plain.positions, axis=2)
     np.testing.assert_allclose(lengths, lengths[:1].repeat(len(lengths), axis=0), atol=1e-9)
@@ -106,14 +103,11 @@ def test_a_lost_marker_sits_on_its_neighbor_from_then_on_in_the_named_trial(plai
     np.testing.assert_array_equal(filmed(lost={"f2_00": (6, 7, 0.5)})[0].positions, plain.positions)
 
 
-def test_the_hidden_fish_is_within_bounds_and_not_the_published_one():
+def test_the_hidden_fish_is_within_bounds_and_its_films_are_small():
     hidden = room.hidden_values()
     assert FISH.space.check(hidden) == hidden == room.hidden_values()
     space = replace(FISH.space, scale="log")
     assert np.abs(space.to_cube(hidden) - space.to_cube(FISH.space.published)).max() > 0.2
-
-
-def test_the_films_are_those_of_the_frequencies_and_small():
     names = {f"f{frequency:.2f}".replace(".", "_") for frequency in (*FREQUENCIES, *MORE_FREQUENCIES)}
     assert {path.stem for path in room.FILMS.glob("*.mp4")} == names
     assert sum(path.stat().st_size for path in room.FILMS.iterdir()) < 4e6
@@ -200,14 +194,11 @@ def test_points_are_clicked_and_the_camera_measured_as_by_a_person(short_demo):
     assert read_camera(short_demo.out / "camera.json").camera_height == pytest.approx(height)
 
 
-def test_the_demo_evaluates_on_the_trial_that_it_left_out(short_demo):
+def test_the_demo_evaluates_on_the_trial_that_it_left_out_and_hides_its_parameters(short_demo):
     assert HELD_OUT in {f"f{frequency:.2f}".replace(".", "_") for frequency in FREQUENCIES}
     assert tuple(short_demo.outcome.held_out.trials) == (HELD_OUT,)
     assert tuple(short_demo.outcome.fit.trials) == ("f1_50",)
     assert 0 < short_demo.outcome.held_out.aligned_marker_error < 1
-
-
-def test_the_hidden_parameters_are_in_no_file(short_demo):
     for path in short_demo.out.rglob("*"):
         content = path.read_bytes() if path.is_file() else b""
         for name, value in room.hidden_values().items():

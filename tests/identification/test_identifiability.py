@@ -198,14 +198,11 @@ def test_a_study_that_is_cut_within_a_batch_keeps_it_and_tells_what_is_known(run
     assert read_study(run.folder.path / IDENTIFIABILITY).complete
 
 
-def test_a_finished_study_is_read_and_not_made_again(studied, reference):
+def test_a_finished_study_is_read_and_another_setting_or_damage_refused(studied, reference, run):
     told = []
     again = identify(reopen(studied[2], reference, toy.ROBOT, 2), SETTINGS, on_progress=told.append)
     assert again == studied[0] == read_study(studied[2] / IDENTIFIABILITY)
     assert not told
-
-
-def test_another_setting_and_a_damaged_study_are_refused(studied, reference, run):
     finished = reopen(studied[2], reference, toy.ROBOT, 2)
     said = refusal(RunError, identify, finished, IdentifiabilitySettings(rounds=9))
     assert says(said, "a study with another settings", "it was ", "5", "is now", "9", "--again")
@@ -213,7 +210,7 @@ def test_another_setting_and_a_damaged_study_are_refused(studied, reference, run
     assert says(refusal(RunError, identify, run, SETTINGS), IDENTIFIABILITY, "can't be read", "--again")
 
 
-def test_a_run_is_reopened_only_with_what_it_was_made_with(run, reference):
+def test_a_run_is_reopened_only_with_what_it_was_made_with_and_a_result(run, reference):
     with pytest.raises(RunError, match="is of robot 'toy', not 'fish'"):
         reopen(run.folder.path, reference, FISH)
     with pytest.raises(RunError, match=r"another reference than this one of 1 trials; .*, the toy's reference"):
@@ -223,9 +220,6 @@ def test_a_run_is_reopened_only_with_what_it_was_made_with(run, reference):
     run.folder.settings_path.write_text(json.dumps(settings))
     with pytest.raises(RunError, match=r"was made with integrator .* at 0\.5 s; .*; losses can't be compared"):
         reopen(run.folder.path, reference, toy.ROBOT)
-
-
-def test_a_run_without_a_result_is_refused(run, reference):
     for name in ("record.jsonl", "best.json"):
         (run.folder.path / name).unlink()
     with pytest.raises(RunError, match="has no evaluation that went well; calibrate first"):
@@ -259,7 +253,7 @@ def test_draws_of_a_linear_problem_have_the_covariance_of_least_squares():
     assert found.draws[:, 2].std() == pytest.approx(12**-0.5, rel=0.15)
 
 
-def test_directions_name_what_holds_most_of_them():
+def test_directions_name_what_holds_most_of_them_and_numbers_that_hang_together_count_as_few():
     rng = np.random.default_rng(0)
     both, alone = rng.uniform(size=(2, 4000))
     found = directions(np.column_stack([both, 1 - both + 0.01 * alone, alone]), ("one", "other", "third"))
@@ -268,9 +262,6 @@ def test_directions_name_what_holds_most_of_them():
     assert found[0].spread < 0.02
     assert found[1].parameters.keys() == {"third"}
     assert found[1].spread == pytest.approx(1.0, rel=0.05)
-
-
-def test_numbers_that_hang_together_count_as_few():
     rng = np.random.default_rng(0)
     white = rng.standard_normal((250, 6))
     smooth = np.array([white[i : i + 50].mean(axis=0) for i in range(200)]) @ rng.standard_normal((6, 6))

@@ -57,7 +57,7 @@ def studied(tmp_path_factory):
     return run
 
 
-def test_the_volume_of_a_linear_problem_is_that_of_gauss():
+def test_the_volume_is_that_of_gauss_and_of_nothing_where_nothing_is_told():
     rng = np.random.default_rng(0)
     points = rng.multivariate_normal(np.full(3, 0.5), 0.01 * (np.eye(3) + 0.5), 400)
     slopes, weight = rng.normal(size=(12, 3)), 30.0
@@ -67,15 +67,9 @@ def test_the_volume_of_a_linear_problem_is_that_of_gauss():
     assert volume == pytest.approx(np.sqrt(np.linalg.det(after) / np.linalg.det(before)), rel=1e-9)
     np.testing.assert_allclose(widths, np.sqrt(np.diag(after) / np.diag(before)), rtol=1e-9)
     assert expected_reduction(points, np.zeros((400, 5)), weight)[0] == pytest.approx(1.0)
-
-
-def test_what_only_bends_with_the_parameters_tells_nothing():
     points = np.random.default_rng(1).uniform(-1, 1, (500, 1))
     volume, _ = expected_reduction(points, np.abs(points), 1e6)
     assert volume > 0.95
-
-
-def test_a_direction_without_spread_is_left_out():
     points = np.random.default_rng(2).random((50, 2)) * [1.0, 0.0]
     volume, widths = expected_reduction(points, points[:, :1], 100.0)
     assert 0 < volume < 1

@@ -87,9 +87,6 @@ def shape_misfit(found, true):
     return np.nanmax(np.linalg.norm(found.positions - true.positions - shift, axis=2))
 
 
-# scale
-
-
 @settings(max_examples=15, deadline=None)
 @given(st.floats(0.5, 5), st.floats(500, 4000), st.floats(-3, 3))
 def test_a_level_robot_under_a_straight_camera_is_recovered(height, focal, heading):
@@ -137,9 +134,6 @@ def test_lengths_that_disagree_are_told_with_each_one_s_estimate():
     assert Scale(1e-3, 0.02, ()).findings() == []
 
 
-# heights
-
-
 @settings(max_examples=25, deadline=None)
 @given(st.floats(0.4, 6), st.floats(-3, 3), st.floats(0, 0.5))
 def test_high_markers_are_put_where_they_are_when_the_camera_s_height_is_known(height, heading, speed):
@@ -168,9 +162,6 @@ def test_a_camera_height_that_cant_be_used_is_refused():
     assert "add principal_point" in refusal(TrackingError, see, track, CameraFile(camera_height=2.0), size=None)
     low = refusal(TrackingError, see, track, CameraFile(camera_height=0.05))
     assert says(low, "camera_height 0.05 m", "M2", "0.05 m nearer")
-
-
-# planes
 
 
 @settings(max_examples=50, deadline=None)
@@ -243,9 +234,6 @@ def test_a_plane_that_leaves_the_mirror_image_is_refused(known):
     assert "change the sign of all y in meters" in message
 
 
-# lens
-
-
 def distorted(points, lens=LENS):
     matrix = lens.camera_matrix
     rays = np.concatenate(
@@ -297,9 +285,6 @@ def test_markers_come_back_from_meters_to_their_pixels(known):
     assert "add points to the camera file" in refusal(TrackingError, fixed_camera, None, None, HEIGHTS3, (1280, 720))
 
 
-# boards
-
-
 def board_picture(eye):
     """A chessboard of 9 by 6 squares of 50 mm upside down in the water's plane, as the camera sees it."""
     rows, columns = np.indices((8, 11)) - 1
@@ -337,13 +322,11 @@ def test_a_board_that_isnt_there_is_refused(squares, size, error, message):
 
 
 FULL = {
-    "format": 1,
-    "camera_height": 2,
-    "principal_point": [1919.5, 1079.5],
+    "format": 1, "camera_height": 2, "principal_point": [1919.5, 1079.5],
     "lengths": [{"name": "tape", "pixels": [[1, 2], [3, 4]], "meters": 0.5}, {"pixels": [[1, 2], [3, 9]], "meters": 1}],
     "points": [{"pixel": [x, y], "meters": [x / 100, -y / 100]} for x, y in ((0, 0), (100, 0), (100, 100), (0, 100))],
     "lens": {"camera_matrix": [[2400, 0, 1930], [0, 2400, 1070], [0, 0, 1]], "distortion": [0.1, 0, 0, 0]},
-}
+}  # fmt: skip
 
 
 def file_with(tmp_path, **changes):
@@ -366,26 +349,23 @@ def test_what_was_written_is_read_again(tmp_path):
     )
 
 
-@pytest.mark.parametrize(
-    ("changes", "parts"),
-    [
-        ({"format": 2}, ("'format' is 2", "1")),
-        ({"format": ...}, ("'format' is missing",)),
-        ({"height": 2}, ("'height'", "did you mean 'camera_height'?")),
-        ({"homography": np.eye(3).tolist()}, ("points and a homography", "keep one")),
-        ({"camera_height": -2}, ("'camera_height' is -2", "above 0")),
-        ({"principal_point": [1, float("nan")]}, ("'principal_point[1]' is NaN", "finite")),
-        ({"points": ..., "homography": [[1, 2], [3, 4]]}, ("'homography[0]' is [1, 2]", "at least 3")),
-        ({"points": ..., "homography": [[1, 2, 3]] * 3}, ("'homography'", "can't be inverted")),
-        ({"points": FULL["points"][:3]}, ("at least 4 entries",)),
-        ({"points": [{"pixel": [1, "a"], "meters": [1, 2]}] * 4}, ("'points[0].pixel[1]' is \"a\"", "a number")),
-        ({"lengths": [{"pixels": [[0, 1e-320], [0, 0]], "meters": 1}]}, ("'lengths[0].pixels'", "the same pixel")),
-        ({"points": [{"pixel": [1, 2], "meters": [1e308, 0]}] * 4}, ("'points[0].meters[0]' is 1e+308", "at most")),
-        ({"lengths": [{"pixels": [[1, 2], [1, 3]], "meters": 0}]}, ("'lengths[0].meters' is 0", "at least")),
-        ({"lens": {**FULL["lens"], "distortion": [0, 0]}}, ("2 numbers", "4, 5, 8, 12, 14")),
-        ({"lens": {**FULL["lens"], "camera_matrix": np.zeros((3, 3)).tolist()}}, ("[[fx, 0, cx]", "above 0")),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("changes", "parts"), [
+    ({"format": 2}, ("'format' is 2", "1")),
+    ({"format": ...}, ("'format' is missing",)),
+    ({"height": 2}, ("'height'", "did you mean 'camera_height'?")),
+    ({"homography": np.eye(3).tolist()}, ("points and a homography", "keep one")),
+    ({"camera_height": -2}, ("'camera_height' is -2", "above 0")),
+    ({"principal_point": [1, float("nan")]}, ("'principal_point[1]' is NaN", "finite")),
+    ({"points": ..., "homography": [[1, 2], [3, 4]]}, ("'homography[0]' is [1, 2]", "at least 3")),
+    ({"points": ..., "homography": [[1, 2, 3]] * 3}, ("'homography'", "can't be inverted")),
+    ({"points": FULL["points"][:3]}, ("at least 4 entries",)),
+    ({"points": [{"pixel": [1, "a"], "meters": [1, 2]}] * 4}, ("'points[0].pixel[1]' is \"a\"", "a number")),
+    ({"lengths": [{"pixels": [[0, 1e-320], [0, 0]], "meters": 1}]}, ("'lengths[0].pixels'", "the same pixel")),
+    ({"points": [{"pixel": [1, 2], "meters": [1e308, 0]}] * 4}, ("'points[0].meters[0]' is 1e+308", "at most")),
+    ({"lengths": [{"pixels": [[1, 2], [1, 3]], "meters": 0}]}, ("'lengths[0].meters' is 0", "at least")),
+    ({"lens": {**FULL["lens"], "distortion": [0, 0]}}, ("2 numbers", "4, 5, 8, 12, 14")),
+    ({"lens": {**FULL["lens"], "camera_matrix": np.zeros((3, 3)).tolist()}}, ("[[fx, 0, cx]", "above 0")),
+])  # fmt: skip
 def test_camera_files_that_cant_be_used_are_refused(tmp_path, changes, parts):
     path = file_with(tmp_path, **changes)
     assert says(refusal(TrackingError, read_camera, path), f"camera file '{path}'", *parts)

@@ -30,9 +30,6 @@ def jittered(track, seed=0):
     return MarkerTrack(track.times[keep], track.positions[keep])
 
 
-# gaps
-
-
 def test_filled_samples_are_never_scored():
     holes = hidden(swim(noise=1e-4), (0, slice(50, 54)), (8, slice(100, 106)), (5, slice(200, 201)))
     before, after = check_track(holes, REST), check_track(fill_gaps(holes), REST)
@@ -63,9 +60,6 @@ def test_filling_touches_gaps_alone_and_has_nothing_left_to_do(gaps):
     np.testing.assert_array_equal(filled.confidence, holes.confidence)
     np.testing.assert_array_equal(fill_gaps(filled).positions, filled.positions)
     assert np.nanmax(np.abs(filled.positions - track.positions)) < 0.02
-
-
-# smoothing
 
 
 @pytest.mark.parametrize("even", [True, False])
@@ -117,13 +111,11 @@ def test_gaps_stay_gaps_and_what_lies_beyond_doesnt_matter():
     np.testing.assert_array_equal(np.delete(one.positions, 4, axis=1), np.delete(smooth(noisy).positions, 4, axis=1))
 
 
-@pytest.mark.parametrize(
-    ("call", "says"),
-    [
-        *((lambda w=window: smooth(swim(), w), f"window is {window} frames") for window in (-1, 3, 6)),
-        (lambda: beat_gain(7, 0, 2.25), "fps is 0"), (lambda: fill_gaps(swim(), np.nan), "longest is nan s"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("call", "says"), [
+    *((lambda w=window: smooth(swim(), w), f"window is {window} frames") for window in (-1, 3, 6)),
+    (lambda: beat_gain(7, 0, 2.25), "fps is 0"),
+    (lambda: fill_gaps(swim(), np.nan), "longest is nan s"),
+])  # fmt: skip
 def test_what_is_no_window_rate_or_time_is_refused(call, says):
     with pytest.raises(ArgumentError, match=says):
         call()

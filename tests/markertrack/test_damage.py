@@ -160,9 +160,6 @@ def test_joined_videos_run_on(tmp_path):
     assert f"36 frames of another size, from {start:.3f} to {end:.3f} s; scaled to that of the first" in notes
 
 
-# what no decoder reports
-
-
 def drifting(index: int, speed: int = 37) -> np.ndarray:
     """A textured ground that drifts by 1 px a frame, and a bar that moves by more than its width [px a frame]."""
     grain = np.random.default_rng(0).normal(0, 1, (140, 260))

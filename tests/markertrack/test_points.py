@@ -102,13 +102,11 @@ def test_picked_on_another_video(file):
         assert part in refusal(file(**changes))
 
 
-@pytest.mark.parametrize(
-    ("points", "width", "says"),
-    [
-        (POINTS[:2], 640, r"shape \(2, 2\); expected is \(3, 2\)"), (POINTS, 200, "M2 of .* outside of the frame"),
-        (np.where(POINTS == 110.0, np.nan, POINTS), 640, r"M1 of points .* is at \(nan, 21\.5\)"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("points", "width", "says"), [
+    (POINTS[:2], 640, r"shape \(2, 2\); expected is \(3, 2\)"),
+    (POINTS, 200, "M2 of .* outside of the frame"),
+    (np.where(POINTS == 110.0, np.nan, POINTS), 640, r"M1 of points .* is at \(nan, 21\.5\)"),
+])  # fmt: skip
 def test_what_could_not_be_read_back_is_not_saved(tmp_path, points, width, says):
     with pytest.raises(TrackingError, match=says):
         save_points(tmp_path / "a.json", points, NAMES, "swim.mp4", width, 480)
@@ -177,18 +175,15 @@ def test_a_points_file_is_the_corrections_of_one_frame(file, tmp_path, frame):
     assert "lack M2; expected are 3" in anchors_refused(file(markers={"M0": [1, 2], "M1": None}))
 
 
-@pytest.mark.parametrize(
-    ("frames", "parts"),
-    [
-        ([(5, {"m2": [1, 2]})], ("frame 5 of corrections", "'m2'; did you mean 'M2'?")),
-        ([(-1, {"M0": [1, 2]})], ("'frames[0].frame' is -1", "at least 0")),
-        ([(1, {}), (1, {"M0": "hidden"})], ("'frames[1].markers.M0' is \"hidden\"", "list")),
-        ([(1, {"M0": [1, 2]}), (1, {"M0": [1, 2.5]})], ("frame 1 comes twice", "M0", "(1, 2)", "(1, 2.5)")),
-        ([(1, {"M0": None}), (1, {"M0": [1, 2.5]})], ("M0 is hidden", "(1, 2.5)")),
-        ([(4, {"M1": [640, 20]})], ("M1 of frame 4 of corrections", "(640, 20), outside of the frame")),
-        ([(4, {"M1": [5, 5]}), (4, {"M2": [6, 5]})], ("M1 and M2 of frame 4 of corrections", "1.0 px apart")),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("frames", "parts"), [
+    ([(5, {"m2": [1, 2]})], ("frame 5 of corrections", "'m2'; did you mean 'M2'?")),
+    ([(-1, {"M0": [1, 2]})], ("'frames[0].frame' is -1", "at least 0")),
+    ([(1, {}), (1, {"M0": "hidden"})], ("'frames[1].markers.M0' is \"hidden\"", "list")),
+    ([(1, {"M0": [1, 2]}), (1, {"M0": [1, 2.5]})], ("frame 1 comes twice", "M0", "(1, 2)", "(1, 2.5)")),
+    ([(1, {"M0": None}), (1, {"M0": [1, 2.5]})], ("M0 is hidden", "(1, 2.5)")),
+    ([(4, {"M1": [640, 20]})], ("M1 of frame 4 of corrections", "(640, 20), outside of the frame")),
+    ([(4, {"M1": [5, 5]}), (4, {"M2": [6, 5]})], ("M1 and M2 of frame 4 of corrections", "1.0 px apart")),
+])  # fmt: skip
 def test_corrections_that_are_refused(corrections, frames, parts):
     assert says(anchors_refused(corrections(*frames)), *parts)
 

@@ -173,9 +173,6 @@ def test_the_verdict_doesnt_depend_on_place_and_heading(healthy):
     np.testing.assert_array_equal(check(healthy, turned).lost, check(healthy, positions).lost)
 
 
-# the published tracks, whichever are there
-
-
 def published(tracks, name):
     if name not in tracks.names:
         pytest.skip(f"{name} isn't among the published tracks that are there")

@@ -99,9 +99,6 @@ def test_a_camera_that_says_how_fast_it_was_is_quoted(tmp_path):
     assert read(phone, fps=240)[1] == []
 
 
-# films of single pictures
-
-
 def save(image, path):
     Image.fromarray(image).save(path, quality=100) if path.suffix == ".jpg" else Image.fromarray(image).save(path)
 

@@ -135,16 +135,13 @@ def test_pixels_that_are_not_square_are_named(tmp_path):
     assert notes == ["the pixels aren't square (4:3); lengths are distorted"]
 
 
-@pytest.mark.parametrize(
-    ("name", "content", "message"),
-    [
-        ("swim.mp4", None, r"no video '.*swim\.mp4'; check the path"),
-        (".", None, "is a folder without pictures; give the path of a"),
-        ("empty.mp4", b"", r"is empty \(0 bytes\); copy it again"),
-        ("swim.mp4", b"time,x\n0.0,2\n" * 40, "is not a video"),
-        ("swim.csv", b"time,x\n0.0,2\n" * 40, "is not a video"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("name", "content", "message"), [
+    ("swim.mp4", None, r"no video '.*swim\.mp4'; check the path"),
+    (".", None, "is a folder without pictures; give the path of a"),
+    ("empty.mp4", b"", r"is empty \(0 bytes\); copy it again"),
+    ("swim.mp4", b"time,x\n0.0,2\n" * 40, "is not a video"),
+    ("swim.csv", b"time,x\n0.0,2\n" * 40, "is not a video"),
+])  # fmt: skip
 def test_what_is_not_a_video_is_refused(tmp_path, name, content, message):
     if content is not None:
         (tmp_path / name).write_bytes(content)

@@ -12,13 +12,9 @@ from hypothesis import strategies as st
 
 from emulator import (
     HEADER,
-    ID,
     PING,
     READ,
-    REBOOT,
-    SOLD,
     STATUS,
-    STEEPEST,
     WRITE,
     EmulatedMotor,
     Packet,
@@ -73,23 +69,6 @@ def bench():
     return Bench()
 
 
-@pytest.mark.parametrize("model", ct.MODELS.values())
-def test_each_model_is_as_it_is_sold(model):
-    motor = EmulatedMotor(9, model)
-    sold = (model.number, 9, model.velocity_limit, SOLD[model.name][1], 3, 52)
-    registers = (ct.MODEL_REGISTER, ID, ct.VELOCITY_LIMIT, ct.TEMPERATURE_LIMIT, ct.OPERATING_MODE, ct.SHUTDOWN)
-    assert tuple(map(motor.get, registers)) == sold
-
-
-def test_what_it_answers_to_other_packets_than_writes(bench):
-    assert bench.ask(PING) == (0, (1180).to_bytes(2, "little") + bytes([45]))
-    assert bench.motor.answer(Packet(2, PING, b"")) is None
-    assert bench.ask(PING, intact=False) == (ct.CRC_ERROR, b"")
-    assert bench.ask(0x83) == (ct.INSTRUCTION_ERROR, b"")
-    assert bench.ask(READ, b"\x94\x02\x04\x00") == (ct.ACCESS_ERROR, b"")  # beyond the table
-    assert bench.ask(READ, b"\x00") == (ct.LENGTH_ERROR, b"")
-
-
 @pytest.mark.parametrize(("register", "value", "size", "error"), [
     (ct.OPERATING_MODE, 17, None, ct.RANGE_ERROR),
     (ct.GOAL_VELOCITY, 305, None, ct.LIMIT_ERROR),
@@ -134,15 +113,6 @@ def test_it_turns_at_the_goal_with_the_acceleration_it_was_given_and_runs_out_wi
     assert bench.motor.velocity == 0
 
 
-def test_backwards_and_no_faster_than_it_can(bench):
-    no_load = SOLD[ct.XW540.name][0] * 2 * math.pi / 60
-    bench.motor.set(ct.VELOCITY_LIMIT, 1023)
-    bench.turning(-1000)
-    bench.now += no_load / STEEPEST + 0.01
-    assert bench.motor.velocity == pytest.approx(-no_load)
-    assert bench.read(ct.PRESENT_POSITION) < 0
-
-
 def test_it_goes_to_an_angle_with_the_speed_and_the_acceleration_of_its_profile(bench):
     bench.going(2048, speed=100, acceleration=20)
     fastest, steepness = 100 * ct.VELOCITY_UNIT, 20 * ct.ACCELERATION_UNIT
@@ -175,19 +145,6 @@ def test_the_place_where_it_looks_doesnt_matter(goals, angles):
     assert not angles or often.motor.angle == pytest.approx(goals[-1][0] * ct.POSITION_UNIT)
 
 
-def test_angles_beyond_its_own_limits_are_refused_and_turns_forgotten_in_position_mode(bench):
-    bench.motor.set(ct.MAX_POSITION, 3000)
-    assert bench.going(3001) == ct.LIMIT_ERROR
-    bench.write(ct.TORQUE_ENABLE, 0)
-    bench.turning(300)
-    bench.now += 5
-    bench.write(ct.TORQUE_ENABLE, 0)
-    bench.now += 1
-    assert bench.read(ct.PRESENT_POSITION) > 4095
-    bench.write(ct.OPERATING_MODE, ct.POSITION_MODE)
-    assert bench.read(ct.PRESENT_POSITION) < 4096
-
-
 def test_the_watchdog_stops_it_as_in_the_manuals_example(bench):
     bench.turning(50, watchdog=100)
     bench.now += 1.99
@@ -201,37 +158,6 @@ def test_the_watchdog_stops_it_as_in_the_manuals_example(bench):
     assert bench.write(ct.GOAL_VELOCITY, 150) == 0
     bench.now += 1
     assert bench.motor.velocity == pytest.approx(150 * ct.VELOCITY_UNIT)
-
-
-def test_any_packet_feeds_the_watchdog_it_sleeps_without_torque_and_stops_it_on_the_way_to_an_angle(bench):
-    bench.turning(50, watchdog=10)
-    for _ in range(20):
-        bench.now += 0.15
-        bench.ask(PING)
-    assert not bench.motor.watchdog_tripped
-    bench.write(ct.TORQUE_ENABLE, 0)
-    bench.now += 10
-    assert not bench.motor.watchdog_tripped
-    bench.write(ct.OPERATING_MODE, ct.POSITION_MODE)
-    bench.going(4000, speed=20, acceleration=100)
-    start = bench.motor.angle
-    bench.now += 0.5
-    assert bench.motor.watchdog_tripped
-    assert bench.motor.velocity == 0
-    assert abs(bench.motor.angle - start) < 0.2 * 20 * ct.VELOCITY_UNIT + 0.01
-
-
-def test_too_hot_it_lets_go_says_so_and_needs_a_reboot(bench):
-    bench.turning(100)
-    bench.now += 1
-    bench.motor.temperature = 81
-    assert bench.ask(PING)[0] == ct.ALERT
-    bench.now += 1
-    assert bench.motor.velocity == 0
-    bench.motor.temperature = 30
-    assert bench.write(ct.TORQUE_ENABLE, 1) == ct.ALERT | ct.RESULT_FAIL
-    bench.ask(REBOOT)
-    assert bench.write(ct.TORQUE_ENABLE, 1) == 0
 
 
 @pytest.mark.parametrize(

@@ -75,7 +75,7 @@ def off(emulator) -> bool:
     return not any(motor.get(ct.TORQUE_ENABLE) for motor in emulator.motors)
 
 
-def test_registers_of_every_size_and_sign(emulated):
+def test_registers_of_every_size_and_values_like_a_header_arrive(emulated):
     with Bus(emulated.port) as bus:
         assert bus.ping(1) == 1180
         for register, value in ((ct.TORQUE_ENABLE, 1), (ct.GOAL_VELOCITY, -304), (ct.PROFILE_ACCELERATION, 32_767)):
@@ -83,9 +83,6 @@ def test_registers_of_every_size_and_sign(emulated):
             assert bus.read(1, register) == value
         block = bus.read_block(1, ct.MODEL_REGISTER, ct.SHUTDOWN)
         assert (block[ct.VELOCITY_LIMIT], block[ct.MODEL_REGISTER]) == (304, 1180)
-
-
-def test_a_value_that_looks_like_a_header_arrives(emulated):
     value = int.from_bytes(b"\xff\xff\xfd\x00", "little")
     with Bus(emulated.port) as bus, pytest.raises(MotorError, match="beyond the motor's own limit"):
         bus.write(1, ct.Register("goal", 104, 4), value)

@@ -61,12 +61,9 @@ def test_commands_never_bunch_up():
     assert len(at) + clock.schedule.skipped == 500
 
 
-def test_it_ends_when_it_is_stopped():
+def test_it_ends_when_it_is_stopped_and_keeps_to_the_real_clock():
     clock = Clock()
     assert list(clock.schedule.ticks(100, stop=lambda: clock.now > 1000.51)) == list(range(26))
-
-
-def test_on_the_real_clock():
     schedule = Schedule()
     assert min(-schedule.left(k) for k in schedule.ticks(10)) >= 0
     assert time.monotonic() - schedule.start >= 9 / 50

@@ -30,16 +30,6 @@ def test_a_bowl_is_solved(run):
 
 
 @pytest.mark.slow
-def test_a_curved_valley_is_followed():
-    def valley(point) -> float:
-        x = 4 * point - 2
-        return float((100 * np.square(x[1:] - x[:-1] ** 2) + np.square(1 - x[:-1])).sum()) / 1000
-
-    told = drive(make(2), 26, valley)
-    assert lowest(told) < 0.5 * lowest(told[:10])
-
-
-@pytest.mark.slow
 def test_a_minimum_in_a_corner_is_found_within_the_cube_and_no_point_is_asked_twice():
     told = drive(make(1, initial=5), 11, np.sum)
     assert np.all((points(told) >= 0) & (points(told) <= 1))
@@ -63,9 +53,3 @@ def test_the_model_reads_losses_not_flags():
     told = drive(make(4), 16, lambda point: 1.0 if point[0] > 0.5 else bowl(point))
     assert np.mean(points(told)[:10, 0] > 0.5) > 0.3
     assert np.mean(points(told)[10:, 0] > 0.5) <= 0.2
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("loss", [1.0, 0.0])
-def test_equal_losses_are_lived_with(loss):
-    assert len(np.unique(points(drive(make(initial=3), 8, lambda point: loss)), axis=0)) == 8

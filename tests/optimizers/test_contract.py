@@ -150,14 +150,11 @@ def test_methods_that_need_residuals_say_so(make):
         assert optimizer.ask().note == {"source": "start", "start": 2}
 
 
-def test_random_search_samples_the_whole_cube_evenly():
+def test_random_search_samples_evenly_and_streams_are_independent():
     sampled = points(drive(random_search(3), 600))
     assert not np.any(np.isin(sampled[1:], first_point(D, 3)))  # a stream of its own
     np.testing.assert_allclose(sampled.mean(axis=0), 0.5, atol=0.05)
     np.testing.assert_allclose(sampled.std(axis=0), np.sqrt(1 / 12), atol=0.02)
-
-
-def test_streams_are_independent_and_repeat():
     first, optimizer, advisor = (stream.random(4).tolist() for stream in streams(0))
     assert len({tuple(first), tuple(optimizer), tuple(advisor)}) == 3
     assert [stream.random(4).tolist() for stream in streams(np.int64(0))] == [first, optimizer, advisor]

@@ -49,15 +49,12 @@ def test_a_curved_valley_is_followed_to_its_end(start):
     assert all((one.candidate.note["start"], one.candidate.note.get("stage", 1)) == (1, 1) for one in made)
 
 
-def test_rough_ground_is_seen_past():
+def test_rough_ground_is_seen_past_and_a_smooth_bottom_found_in_few_evaluations():
     def rough(point):
         return np.append(point - 0.6, 0.02 * np.sin(900 * point.sum()))
 
     best, _ = descended(rough, (0.1, 0.2, 0.1, 0.15), PATIENT)
     assert best.loss < 0.04
-
-
-def test_the_bottom_of_what_is_smooth_is_found_in_few_evaluations():
     best, made = descended(lambda p: p + 0.2 * p[::-1] ** 2 - 0.5, (0.45, 0.5, 0.4, 0.45), radius=0.02)
     assert best.loss < 1e-5
     assert len(made) < 40

@@ -96,13 +96,11 @@ def test_notes_have_round_step_and_once_the_proposal_to_the_last_bit():
     assert Proposal.from_dict(back[1]["proposal"]).as_dict() == proposal.as_dict()
 
 
-def test_a_script_that_ends_says_so_or_passes_on():
+def test_a_script_that_ends_says_so_and_an_advisor_that_gives_up_is_asked_again():
     search = BacktrackingLineSearch(ScriptedAdvisor([TO], then=ScriptedAdvisor([TO, FIRST / 2])), FIRST, max_steps=1)
     np.testing.assert_array_equal(points(feed(search, [1.0, 2.0, 2.0]))[2], FIRST / 2)
     assert says(refusal(AdvisorError, search.ask), "the script has 2 proposals", "proposal 3 is due")
 
-
-def test_an_advisor_that_gives_up_can_be_asked_again():
     class Moody(ScriptedAdvisor):
         calls = 0
 

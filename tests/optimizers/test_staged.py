@@ -171,14 +171,11 @@ def test_small_budgets_leave_stages_out_and_the_last_goes_on(budget):
     assert len(np.unique(points(told), axis=0)) == budget + 20
 
 
-def test_stages_find_the_optimum_of_a_separable_problem():
+def test_stages_find_a_separable_optimum_and_a_search_that_begins_elsewhere_is_refused():
     told = driven(400, budget=400)
     best = min(by_stage(told)["fluid"], key=lambda one: one.loss).candidate.point
     np.testing.assert_allclose(best[:4], BEST[:4], atol=0.01)
     np.testing.assert_allclose(best[4:6], BEST[4:6], atol=0.1)
-
-
-def test_a_search_that_begins_elsewhere_is_refused():
     said = refusal(
         OptimizerError, driven, search=lambda dimension, rng, first: random_search(dimension, rng, 1 - first)
     )

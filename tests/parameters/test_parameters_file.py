@@ -34,6 +34,8 @@ def test_what_was_written_is_read_back_to_the_last_bit(place):
     assert json.loads(place.read_text())["loss"] == 0.04
     place.write_text(json.dumps(LEAST))  # the documented minimum
     assert (read(place).values, read(place).physics) == (VALUES, None)
+    assert says(refusal(ParameterError, read, place), str(place), "is not there")
+    assert says(refusal(ParameterError, read, place.parent), f"'{place.parent}'", "no run folder", "best.json")
 
 
 @pytest.mark.parametrize(
@@ -57,11 +59,6 @@ def test_wrong_contents_are_refused(place, content, parts):
     said = refusal(ParameterError, read, place)
     assert str(place) in said
     assert says(said, *parts)
-
-
-def test_files_and_results_that_arent_there_are_named(place):
-    assert says(refusal(ParameterError, read, place), str(place), "is not there")
-    assert says(refusal(ParameterError, read, place.parent), f"'{place.parent}'", "no run folder", "best.json")
 
 
 def test_a_reader_never_sees_half_a_file(place):

@@ -50,15 +50,12 @@ def test_values_rise_with_the_coordinate_on_both_scales(pair):
         assert all(before[name] <= after[name] for name in space.names)
 
 
-def test_the_linear_scale_is_the_papers_box_and_the_log_scale_spreads_out_the_low_end():
+def test_the_scales_are_the_papers_and_checked_values_floats_in_order():
     assert LINEAR.to_values([0.5, 0.5, 0.5]) == pytest.approx({"drag": 5.0, "arm_length": 0.035, "stiffness": 2.55})
     middle = SPACE.to_values([0.5, 0.5, 0.5])
     assert middle["drag"] == pytest.approx(np.sqrt(0.1 * 10.1) - 0.1)
     assert middle["arm_length"] == pytest.approx(0.035)  # has no log offset, so it stays linear
     assert middle["stiffness"] == pytest.approx(np.sqrt(0.12 * 5.02) - 0.02)
-
-
-def test_checked_values_are_floats_in_the_order_of_the_space():
     assert list(SPACE.check(dict(reversed(GOOD.items())))) == list(SPACE.names) == ["drag", "arm_length", "stiffness"]
     checked = SPACE.check({"drag": 0, "arm_length": np.float32(0.03), "stiffness": np.int64(5)})  # bounds are allowed
     assert checked == pytest.approx({"drag": 0.0, "arm_length": 0.03, "stiffness": 5.0}, rel=1e-6)

@@ -9,7 +9,7 @@ import pytest
 from markertrack.track import MarkerTrack
 from pools import LOGARITHMIC, NAMES, film
 from refused import refusal, says
-from run_settings import record_of
+from run_settings import record_of as record
 from swim2real.advisor import PhysicsAdvisor
 from swim2real.api import compare
 from swim2real.calibration import Problem, RunFolder
@@ -38,10 +38,6 @@ KINDS = {
     "mujoco-sysid": CallbackSolver,
     "staged": Staged,
 }  # fmt: skip
-
-
-def record(path) -> list[dict]:
-    return record_of(path)
 
 
 def without_seconds(path) -> list[dict]:
@@ -94,18 +90,6 @@ def test_stages_run_and_keep_their_plan(pool, tmp_path):
         calibrate(pool, FISH, CalibrationSettings(method="staged", budget=9, threads=2), tmp_path, resume=True)
 
 
-@pytest.mark.slow
-def test_proposals_on_record_arent_asked_again(pool, tmp_path, monkeypatch):
-    calibrate(pool, FISH, CalibrationSettings(budget=2), tmp_path / "run")
-
-    def propose(self, situation):
-        raise AssertionError("the advisor was asked again")
-
-    monkeypatch.setattr("swim2real.advisor.PhysicsAdvisor.propose", propose)
-    calibrate(pool, FISH, CalibrationSettings(budget=2), tmp_path / "run", resume=True)
-    assert len(record(tmp_path / "run")) == 2
-
-
 def test_a_damaged_proposal_on_record_is_told(pool, tmp_path):
     calibrate(pool, FISH, CalibrationSettings(budget=2), tmp_path / "run")
     entries = record(tmp_path / "run")
@@ -113,13 +97,6 @@ def test_a_damaged_proposal_on_record_is_told(pool, tmp_path):
     (tmp_path / "run" / "record.jsonl").write_text("".join(json.dumps(entry) + "\n" for entry in entries))
     with pytest.raises(RunError, match=r"record.jsonl, line 2: 'note.proposal.point' is missing"):
         calibrate(pool, FISH, CalibrationSettings(budget=3), tmp_path / "run", resume=True)
-
-
-@pytest.mark.slow
-def test_random_search_doesnt_depend_on_the_number_of_threads(pool, tmp_path):
-    for threads in (1, 3):
-        calibrate(pool, FISH, CalibrationSettings(method="random", budget=2, threads=threads), tmp_path / str(threads))
-    assert without_seconds(tmp_path / "1") == without_seconds(tmp_path / "3")
 
 
 def test_held_out_trials_arent_fitted_but_evaluated(pool, tmp_path):

@@ -34,14 +34,11 @@ def turned(reference: TrialSet, angle: float) -> TrialSet:
     return TrialSet(tuple(trials), reference.marker_names)
 
 
-def test_a_recording_in_the_world_is_drawn_as_it_is() -> None:
+def test_a_recording_is_drawn_as_it_is_in_the_world_or_beside_the_real_robot() -> None:
     problem = Problem(PENDULUM, pendulum_reference(1e-3), horizon=0.5)
     for drawn, error in distances(problem, PENDULUM.space.published):
         assert drawn == pytest.approx(error)
         assert error > 1e-3
-
-
-def test_a_recording_in_a_frame_is_drawn_beside_the_real_robot() -> None:
     for angle in (0.0, 2.0):
         problem = Problem(FLOATER, turned(floater_reference(), angle), horizon=0.5)
         for drawn, error in distances(problem, FLOATER.space.published):

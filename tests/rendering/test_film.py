@@ -46,7 +46,7 @@ def test_a_film_whose_rate_was_given_is_shown_on_the_camera_s_clock(tmp_path):
     assert film_sheet(tmp_path / "slow.mp4", [0.02, 0.05], 2, 320, rate=100).shape[1] > 600
 
 
-def test_a_film_has_its_time_burned_in(film):
+def test_a_film_has_its_time_burned_in_and_frames_end_with_it(film):
     pictures = dict(film_frames(film, [0.0, 0.1, 0.3], 320))
     np.testing.assert_allclose(list(pictures), [0, 0.1, 0.31], atol=1e-4)
     for image in pictures.values():
@@ -58,9 +58,6 @@ def test_a_film_has_its_time_burned_in(film):
         assert image[30:56, 8:72].min() > 225  # the film's white corner, turned to the top left
     stamps = [image[:24, :140].astype(int) for image in pictures.values()]
     assert np.abs(stamps[0] - stamps[1]).max() > 100
-
-
-def test_frames_of_a_film_end_with_it(film):
     assert list(film_frames(film, [], 64)) == []
     times = [time for time, _ in film_frames(film, [0.02, 0.48, 0.52, 0.9, 5.0], 64)]
     np.testing.assert_allclose(times, [0.0, 0.5, 0.5], atol=1e-4)

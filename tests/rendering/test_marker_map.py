@@ -13,7 +13,7 @@ def colored(picture, color) -> np.ndarray:
     return np.argwhere((picture == color).all(axis=2))
 
 
-def test_markers_stand_as_the_camera_sees_them():
+def test_markers_stand_as_the_camera_sees_them_with_lines_between():
     picture = marker_map([[0.0, 0.0], [0.3, 0.1], [0.6, 0.0]], NAMES, [], ("x", "z"), "a fish")
     assert picture.dtype == np.uint8
     assert picture.shape[1:] == (1000, 3)
@@ -24,9 +24,6 @@ def test_markers_stand_as_the_camera_sees_them():
     assert rows[left].mean() == pytest.approx(rows[right].mean(), abs=1)
     scale = (columns[right].mean() - columns[left].mean()) / 0.6
     assert (rows[left].mean() - rows[middle].mean()) / scale == pytest.approx(0.1, abs=0.002)
-
-
-def test_links_are_lines_between_markers():
     positions = [[0.0, 0.0], [0.3, 0.2], [0.6, 0.0]]
     without = marker_map(positions, NAMES, [], ("x", "y"), "")
     linked = marker_map(positions, NAMES, [(0, 2)], ("x", "y"), "")

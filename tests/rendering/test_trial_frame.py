@@ -28,7 +28,7 @@ def frames_of(view: TrialView, width: int = 480) -> TrialFrames:
     return TrialFrames(view, common_limits([view]), width)
 
 
-def test_dots_rings_and_lines_are_where_they_should_be() -> None:
+def test_dots_rings_and_lines_are_where_they_should_be_and_y_is_up() -> None:
     view = arm()
     panel = Panel(common_limits([view]).plane, 624)
     image = pixels(plane_panel(view, INDEX, panel))
@@ -44,9 +44,6 @@ def test_dots_rings_and_lines_are_where_they_should_be() -> None:
         for a, b in itertools.pairwise(line):
             assert near(image, (simulated[a] + simulated[b]) / 2, "simulated", 0.8) > 0.5
     assert near(image, 0.4 * simulated[2] + 0.6 * simulated[3], "simulated", 4) == 0  # no line joins them
-
-
-def test_both_axes_have_the_same_scale_and_y_is_up() -> None:
     panel = Panel(Box(-0.1, -0.2, 0.7, 0.2), 800)
     assert panel.height == 400
     np.testing.assert_allclose(panel.places(np.array([[0.0, 0.0], [0.1, 0.0], [0.0, 0.1]])), [

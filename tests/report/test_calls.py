@@ -84,7 +84,7 @@ def run(tmp_path: Path) -> VlmRun:
     return found
 
 
-def test_the_calls_are_counted_and_listed(run: VlmRun) -> None:
+def test_the_calls_are_counted_and_listed_and_another_model_is_a_warning(run: VlmRun) -> None:
     assert (
         "Calls of the advisor 6 calls: 1 failed, 1 with a reply that wasn&#39;t usable and 1 repair "
         "80,000 tokens in 3,750 tokens out 0.50 USD spent, and 1 reply of unknown price 1 min 28 s waited "
@@ -99,9 +99,6 @@ def test_the_calls_are_counted_and_listed(run: VlmRun) -> None:
         "Call 5 3 question used other-model-9 not the one asked 16,000 750 – 12.0 1",
         "Call 6 4 question used some-model-2025-12-11 16,000 750 0.1250 12.0 1",
     ]
-
-
-def test_another_model_than_the_one_asked_is_a_warning(run: VlmRun) -> None:
     section = shown_of(run).calls
     (warning,) = section.warnings
     assert missing(("some-model was asked", "other-model-9 answered call 5"), warning) == []
@@ -187,13 +184,10 @@ def test_a_damaged_transcript_is_a_sentence(run: VlmRun, damage, sentence: str) 
     assert '<table class="calls' not in page
 
 
-def test_missing_calls_are_said(run: VlmRun) -> None:
+def test_missing_calls_are_said_and_a_replay_has_none_of_its_own(run: VlmRun) -> None:
     for number in (2, 6):  # the last one only the record tells of
         (run.transcript / f"call_000{number}.json").unlink()
     assert missing(("Calls 2 and 6 are missing in the transcript", "4 calls: 1 failed"), visible(page_of(run))) == []
-
-
-def test_a_replay_has_no_calls_of_its_own(run: VlmRun) -> None:
     shutil.rmtree(run.transcript)
     run.change_settings(advisor="replay:elsewhere")
     replayed = page_of(run)

@@ -88,7 +88,7 @@ def test_letters_in_the_pdf_are_embedded_and_sizes_are_those_of_columns(written)
                 assert np.ptp(np.asarray(image.convert("L"))) > 150  # not blank
 
 
-def test_the_mean_and_each_seed_are_drawn() -> None:
+def test_the_mean_and_each_seed_and_theory_are_lines() -> None:
     methods = method_statistics(two_methods(), "aligned")
     with paper_style():
         axes = convergence(methods, method_styles(["good", "bad"])).axes[0]
@@ -97,9 +97,6 @@ def test_the_mean_and_each_seed_are_drawn() -> None:
     np.testing.assert_allclose([line.get_ydata()[-1] for line in seeds], [10, 12, 14])
     np.testing.assert_allclose(mean.get_ydata()[:-1], 1e3 * methods[0].curves.mean(axis=0))
     assert axes.get_yscale() == "log"
-
-
-def test_theory_is_one_more_line_with_its_error() -> None:
     methods = method_statistics(two_methods(), "aligned")
     with paper_style():
         figure = velocity(methods, method_styles(["good", "bad"]), {"slow": 0.03, "fast": 0.17})

@@ -140,7 +140,7 @@ def test_a_random_run_has_no_rounds(tmp_path: Path) -> None:
     assert legend == ["evaluation", "best so far"]
 
 
-def test_failed_evaluations_are_at_the_top(run: Run) -> None:
+def test_a_held_out_trial_that_diverged_and_failed_evaluations_are_shown(run: Run) -> None:
     axes = charts_of(run)["convergence"]().axes[0]
     failed = next(points for points in axes.collections if points.get_label().startswith("diverged"))
     (place,) = failed.get_offsets()
@@ -150,9 +150,6 @@ def test_failed_evaluations_are_at_the_top(run: Run) -> None:
     assert "grew without limit" in failed.get_urls()[0]
     best = next(drawn for drawn in axes.lines if drawn.get_label() == "best so far").get_ydata()
     assert (np.diff(best) <= 0).all()
-
-
-def test_a_held_out_trial_that_diverged(run: Run) -> None:
     run.conclude(0.1, held_out=swim("f1_75", 1.3, 0.1, divergence="it grew without limit"))
     assert missing(("simulation diverged", "held-out trials diverged"), visible(page_of(run))) == []
     charts = charts_of(run)

@@ -60,15 +60,12 @@ def test_recorded_actions_repeat_a_swim_to_the_last_bit(steady):
         assert np.array_equal(episode.markers, other.markers)
 
 
-def test_the_scan_finds_the_best_wave():
+def test_the_scan_finds_the_best_wave_and_a_sine_swings_about_the_middle_of_the_range():
     waves = [Wave(-1.0), Wave(0.5), Wave(1.0), Wave(1.0, frequency=2.0)]
     scan = scan_waves(waves, "forward", PUBLISHED, FISH, [0.0], 0.6)
     assert scan.distances[2] > scan.distances[1]
     assert scan.best_distance == scan.distances.max()
     assert scan.farthest is waves[int(scan.distances.argmax())]
-
-
-def test_a_sine_swings_about_the_middle_of_the_range():
     wave = Wave(0.5, frequency=1.0, lag=np.pi / 2)
     two = Actuators(("a", "b"), ("m", "m"), np.array([0.0, -1.0]), np.array([2.0, 1.0]), np.array([1.0, 1.0]))
     np.testing.assert_allclose(wave.commands(two, np.array([0.0, 0.25])), [[1.0, -0.5], [1.5, 0.0]], atol=1e-12)

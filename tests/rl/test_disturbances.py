@@ -43,16 +43,13 @@ def test_a_start_at_any_phase_is_drawn_and_rests():
     assert np.linalg.norm(state.position[0]) < 0.002  # a tail that snapped into place would push it off
 
 
-def test_a_current_carries_the_robot_along():
+def test_a_current_carries_the_robot_along_and_friction_turns_it_to_its_left():
     info = swum(rl.Disturbances(current=(0.05, -0.03)), 500, action=0.0)
     still = swum(rl.UNDISTURBED, 10, action=0.0)
     assert np.linalg.norm(still["position"]) < 1e-9
     x, y = info["position"]
     assert 0.2 < x < 0.5  # it takes a while to be as fast as the water
     assert -0.3 < y < -0.2  # sideways there is more drag
-
-
-def test_friction_of_the_left_tendon_turns_the_robot_to_its_left():
     turns = [swum(rl.Disturbances(tendon_friction=share), 120)["heading"] for share in (0.0, 0.4, 0.8)]
     # with the head toward -x, left is -y: a positive turn
     assert turns[0] + 0.01 < turns[1]

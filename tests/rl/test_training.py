@@ -139,12 +139,6 @@ def test_a_target_run_resumes_within_its_long_episodes(tmp_path):
     assert_same_run(tmp_path / "parts", tmp_path / "whole")
 
 
-@pytest.mark.slow
-def test_threads_change_nothing(finished, tmp_path):
-    trained(tmp_path / "run", threads=3)
-    assert_same_run(tmp_path / "run", finished[0])
-
-
 def test_it_refuses_to_mix_runs(finished):
     out = finished[0]
     with pytest.raises(RunError, match="already holds a run; go on with --resume, or choose another folder"):

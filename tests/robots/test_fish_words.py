@@ -49,12 +49,9 @@ def expected_by_the_response() -> np.ndarray:
     return np.array(effects)
 
 
-def test_every_parameter_tells_what_was_measured():
+def test_every_parameter_tells_what_was_measured_with_the_signs_of_the_learned_response():
     assert set(told(FISH)) == set(FISH.space.names)
     assert set(told(FISH_EXTENDED)) == set(FISH_EXTENDED.space.names)
-
-
-def test_the_words_have_the_signs_of_the_learned_response():
     said, expected = np.array(list(told(FISH).values())), expected_by_the_response()
     sure = np.abs(said) >= NOTICEABLE
     assert sure.sum() >= 15

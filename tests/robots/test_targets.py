@@ -59,13 +59,10 @@ def test_a_line_stands_for_the_elements_that_it_names(spec, line, joints):
     assert damping == {name: 0.5 if name in joints else 0.02 for name in ("link0", "link1")}
 
 
-def test_factor_and_offset_make_the_number_of_the_value(spec):
+def test_factor_offset_and_a_relative_value_make_the_number_of_the_value(spec):
     target = Target('site "tip" pos[0]', factor=2.0, offset=-0.3)
     assert applied(spec, target, 0.25).site("tip").pos[0] == pytest.approx(0.2)
     assert target.current(spec) == [pytest.approx(0.2)]
-
-
-def test_a_relative_value_multiplies_each_number_once(spec):
     spec.joint("link1").damping = 0.1 if np.ndim(spec.joint("link1").damping) == 0 else [0.1, 0, 0]
     target = Target('joint "link0", "link*" damping', relative=True)
     assert target.current(spec) == [1.0]

@@ -53,13 +53,10 @@ def test_a_late_control_is_a_table_of_later_rows():
     assert np.allclose(now, undelayed.track.positions, atol=1e-9)
 
 
-def test_a_late_sensor_shows_what_was():
+def test_a_late_sensor_shows_what_was_and_so_does_a_trial_whose_tables_are_behind():
     now, before = (played(late('sensor "gyro*" delay'), trial_of(), x) for x in (0.0, 0.02))
     assert np.array_equal(now.track.positions, before.track.positions)
     assert np.allclose(before.sensors.values[10:], now.sensors.values[:-10], atol=1e-9)
-
-
-def test_a_trial_whose_tables_are_behind():
     """Commands come later on the film's clock, and a reading shows what happens later."""
     found = played(late('trial "a" delay'), trial_of(), 0.03)
     controls = played(late('control "*" delay'), trial_of(), 0.03)

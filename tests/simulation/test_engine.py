@@ -21,14 +21,11 @@ def altered(engine, **changes):
     return {**json.loads(json.dumps(engine.as_dict())), **changes}
 
 
-def test_an_engine_agrees_with_its_own_record_and_with_versions_of_the_same_fluid_law(engine):
+def test_an_engine_agrees_with_its_own_record_and_reports_other_physics(engine):
     assert Engine.of(FISH) == engine
     assert (engine.name, engine.integrator, engine.timestep) == (f"mujoco {mujoco.__version__}", "implicit", 0.001)
     assert engine.difference(altered(engine)) is None
     assert engine.difference(altered(engine, name="mujoco 3.3.2")) is None
-
-
-def test_other_physics_is_reported(engine):
     other = [1.05 * force for force in engine.fluid_fingerprint]
     said = engine.difference(altered(engine, name="mujoco 3.99.0", fluid_fingerprint=other))
     assert says(said, "mujoco 3.99.0", engine.name, "5 %", "Install the recorded engine or calibrate again")

@@ -83,12 +83,15 @@ def test_a_loss_depends_neither_on_a_unit_nor_on_where_a_turn_begins(seed, unit,
     assert expected > 1e-3  # of another damping
 
 
-def test_a_gap_and_an_empty_cell_dont_hide_a_turn():
+def test_a_gap_hides_no_turn_and_readings_beyond_their_range_are_refused():
     plain = reference()
     turn, values = 2 * np.pi, np.mod(plain.sensors.values, 2 * np.pi)
     values[20:23] = np.nan
     sensor = Sensor("angle", "rad", 0.02, turn=turn)
     assert loss(telling(ROBOT, sensors=(sensor,)), read(plain, values), 2e-3) < 1e-6
+    turned = telling(ROBOT, sensors=(Sensor("angle", "deg", 0.02, 180 / np.pi, 1.0, wraps=True),))
+    said = refusal(TrialError, loss, turned, read(reference(), np.mod(np.rad2deg(reference().sensors.values), 360)))
+    assert says(said, "'angle'", "deg", "the 1 of its range", "'range' in the robot file")
 
 
 @pytest.mark.parametrize("largest", [2.0, 30.0])
@@ -96,9 +99,3 @@ def test_readings_that_dont_jump_by_a_turn_stay(largest):
     """Of a joint that swings, and of a fast motor that is read slowly and counts on."""
     readings = largest * np.sin(np.arange(60) * 0.9)
     assert Sensor("angle", "rad", 0.02, turn=2 * np.pi).period(readings) == 0
-
-
-def test_readings_beyond_their_range_are_refused():
-    turned = telling(ROBOT, sensors=(Sensor("angle", "deg", 0.02, 180 / np.pi, 1.0, wraps=True),))
-    said = refusal(TrialError, loss, turned, read(reference(), np.mod(np.rad2deg(reference().sensors.values), 360)))
-    assert says(said, "'angle'", "deg", "the 1 of its range", "'range' in the robot file")

@@ -47,16 +47,13 @@ def test_amplitude_and_phase_are_those_of_the_last_marker():
     assert beat_of(slow).frequency == pytest.approx(beat.frequency / 2, rel=1e-4)
 
 
-def test_harmonics_dont_mislead():
+def test_harmonics_and_lost_frames_dont_mislead():
     swimmer = Swimmer(0.9)
     positions = swimmer.body(TIMES)
     share = (REST[:, 0] / REST[-1, 0]) ** 2
     positions[..., 1] += 0.6 * swimmer.amplitude * share * np.cos(4 * np.pi * 0.9 * TIMES + 1.0)[:, None]
     track = MarkerTrack(TIMES, positions - [0.1, 0.0] * TIMES[:, None, None])
     assert beat_of(track).frequency == pytest.approx(0.9, rel=1e-3)
-
-
-def test_lost_frames_are_left_out():
     track = Swimmer().track(seed=4)
     positions = track.positions.copy()
     positions[80:140, 8] = positions[80, 8]

@@ -44,16 +44,13 @@ def test_frames_forget_place_and_heading_of_the_world(angle, x, y):
     np.testing.assert_allclose(between, np.linalg.norm(track.positions[:, 3] - track.positions[:, 0], axis=1))
 
 
-def test_the_body_frame_has_its_x_axis_from_the_first_marker_to_the_second_and_keeps_left_and_right():
+def test_the_frames_are_their_definitions():
     body = Swimmer(duration=0.5).track().body
     np.testing.assert_allclose(body[:, 0], 0.0, atol=1e-15)
     np.testing.assert_allclose(body[:, 1, 1], 0.0, atol=1e-15)
     assert np.all(body[:, 1, 0] > 0.1)
     positions = np.array([[[0.0, 0.0], [0.0, 1.0], [-0.5, 2.0]]] * 2)  # tail up, third marker to the left of it
     np.testing.assert_allclose(frames.to_body(positions)[0, 2], [2.0, 0.5], atol=1e-15)
-
-
-def test_the_swim_frame_is_its_definition():
     track = Swimmer(duration=2.0, heading=2.0).track()
     np.testing.assert_allclose(track.swim, slow_swim_frame(track.positions), atol=1e-12)
 

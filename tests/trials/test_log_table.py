@@ -109,8 +109,11 @@ def test_what_is_wrong_in_a_table_is_reported_with_its_line(log, text, parts):
     assert says(refusal(TrialError, lambda: log(text).times()), *parts)
 
 
-def test_a_first_row_that_is_unlike_the_others_is_a_row(log):
+def test_rows_that_are_missing_or_unlike_the_others_are_told(log):
     assert says(refusal(TrialError, log("t,q\n0,init\n\n1,2\n2,3\n").column, "q", "it"), "line 2, column 2", "'init'")
+    times = [0.0, 0.1, 0.2, 1.2, 1.3, 1.4, 1.5]
+    (note,) = log("t,q\n" + "".join(f"{time},1\n" for time in times)).times().notes
+    assert says(note, "rows are missing for 1 s from 0.200 s on;")
 
 
 @pytest.mark.parametrize(("table", "column", "into", "parts"), [
@@ -125,7 +128,7 @@ def test_a_column_or_a_unit_that_isnt_there_is_reported(log, table, column, into
     assert says(refusal(ArgumentError, log(f"{table}\n0,1\n1,2\n").column, column, "it", into), *parts)
 
 
-def test_units_are_converted():
+def test_names_stand_for_columns_and_units_are_converted():
     assert factor("deg", "rad") == pytest.approx(np.pi / 180)
     assert factor("rpm") == pytest.approx(2 * np.pi / 60)
     assert factor("mm", "cm") == pytest.approx(0.1)
@@ -133,18 +136,6 @@ def test_units_are_converted():
     assert factor("g") == pytest.approx(9.80665)
     assert factor("dps", "rad/s") == factor("degrees", "rad")
     assert all(factor(unit, unit) == 1 and factor(unit) > 0 for unit in UNITS)
-
-
-@pytest.mark.parametrize(("header", "unit", "name"), [
-    ("hip_deg", "deg", "hip"), ("load [mN]", "mN", "load"), ("t (ms)", "ms", "t"), ("time_s", None, "time"),
-    ("Time (Seconds)", "s", "Time"), ("hip", None, "hip"), ("q_min", None, "q_min"), ("deg", None, "deg"),
-    ("x [left]", None, "x [left]"), ("gyro[1]", None, "gyro[1]"),
-])  # fmt: skip
-def test_a_name_may_end_in_a_unit(header, unit, name):
-    assert (unit_of_header(header), without_unit(header)) == (unit, name)
-
-
-def test_names_stand_for_columns():
     known = ("hip", "gyro[1]")
     assert choices("sensors", ["hip=q1:deg", "gyro[1]"], known, "sensor") == {"hip": "q1:deg", "gyro[1]": "gyro[1]"}
     assert choices("sensors", ["hip:deg"], known, "sensor") == {"hip": "hip:deg"}
@@ -156,7 +147,10 @@ def test_names_stand_for_columns():
         assert says(refusal(ArgumentError, choices, "sensors", texts, known, "sensor"), *parts)
 
 
-def test_rows_that_are_missing_are_told(log):
-    times = [0.0, 0.1, 0.2, 1.2, 1.3, 1.4, 1.5]
-    (note,) = log("t,q\n" + "".join(f"{time},1\n" for time in times)).times().notes
-    assert says(note, "rows are missing for 1 s from 0.200 s on;")
+@pytest.mark.parametrize(("header", "unit", "name"), [
+    ("hip_deg", "deg", "hip"), ("load [mN]", "mN", "load"), ("t (ms)", "ms", "t"), ("time_s", None, "time"),
+    ("Time (Seconds)", "s", "Time"), ("hip", None, "hip"), ("q_min", None, "q_min"), ("deg", None, "deg"),
+    ("x [left]", None, "x [left]"), ("gyro[1]", None, "gyro[1]"),
+])  # fmt: skip
+def test_a_name_may_end_in_a_unit(header, unit, name):
+    assert (unit_of_header(header), without_unit(header)) == (unit, name)

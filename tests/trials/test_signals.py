@@ -1,5 +1,4 @@
 import json
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -7,7 +6,6 @@ import pytest
 from markertrack.span import WHOLE, Span, spans
 from markertrack.track import MarkerTrack
 from refused import refusal, says
-from swim2real.calibration import reference_fingerprint
 from swim2real.trials import Signals, Trial, TrialSet, load_reference, save_reference
 from swim2real.trials.reference import add_trial
 from swim2real.trials.signals import MEMORY
@@ -39,7 +37,7 @@ def test_wrong_signals_are_refused(times, names, values, parts):
     assert says(refusal(TrialError, Signals, times, names, values), *parts)
 
 
-def test_signals_cant_be_changed():
+def test_signals_cant_be_changed_and_a_value_holds_until_the_next():
     values = np.ones((2, 1))
     signals = Signals([0, 1], ["a"], values)
     values[:] = 2
@@ -47,9 +45,6 @@ def test_signals_cant_be_changed():
     for array in (signals.values, signals.times):
         with pytest.raises(ValueError, match="read-only"):
             array[0] = 3
-
-
-def test_a_value_holds_until_the_next_and_the_first_before_it():
     times = np.array([-1.0, 0.1, 0.2 - 1e-12, 0.25, 9.0])
     assert torques().at("left", times).tolist() == [1, 1, 2, 2, 3]
     assert torques().at("right", times).tolist() == [1 / 3, 1 / 3, 1 / 3, 1 / 3, 1e-17]  # an empty cell is no value
@@ -130,16 +125,6 @@ def test_a_damaged_index_is_named(tmp_path, key, value, parts):
     assert says(refusal(TrialError, load_reference, tmp_path), tmp_path / "reference.json", *parts)
 
 
-def test_the_fingerprint_sees_what_was_recorded():
-    trial = filmed()
-    others = [
-        replace(trial, controls=torques()), replace(trial, sensors=torques()), replace(trial, start={"hip": 0.0}),
-        replace(trial, start_velocities={"hip": 0.0}),
-    ]  # fmt: skip
-    fingerprints = [reference_fingerprint(TrialSet((one,), NAMES)) for one in (trial, *others)]
-    assert len(set(fingerprints)) == 5
-
-
 # stretches of a trial
 
 TIMES = np.arange(101) / 20  # 0 to 5 s
@@ -173,7 +158,7 @@ def test_what_drove_it_is_the_same_at_the_same_moment(begin):
     assert cut.controls.times[-1] >= 0  # what holds at the beginning is said there
 
 
-def test_commands_of_the_last_seconds_stay():
+def test_commands_of_the_last_seconds_stay_and_a_time_as_it_is_shown_means_its_frame():
     """Of a long log, those that actuators may remember; what holds where these begin has a row there."""
     long = Signals(np.arange(100.0), ["a", "b"], [[i, i if i % 8 == 0 else np.nan] for i in range(100)])
     cut = long.cut(60.5, 70.0, before=MEMORY)
@@ -181,9 +166,6 @@ def test_commands_of_the_last_seconds_stay():
     np.testing.assert_array_equal(cut.values[0], [55, 48])
     only = Signals([0.0], ["a"], [[0.3]]).cut(60.0, 70.0, before=MEMORY)
     assert (only.times.tolist(), only.column("a").tolist()) == ([-5.0, 0.0], [0.3, 0.3])
-
-
-def test_a_time_as_it_is_shown_means_its_frame():
     track = MarkerTrack(np.arange(10) / 30, np.zeros((10, 1, 2)))
     np.testing.assert_allclose(Span(0.067, 0.1).of_track(track, "x").times, [2 / 30, 3 / 30])  # 0.0667 s
 

@@ -30,11 +30,8 @@ def test_durations_contradict_each_other_where_their_ratio_is_far_from_1(table, 
         assert float(said.rsplit(" ", 1)[1]) == pytest.approx(rate, rel=6e-3)
 
 
-def test_commands_by_hand_hold_and_contradict_nothing():
+def test_what_is_not_on_record_is_said_by_stamps_and_commands_by_hand_contradict_nothing():
     assert contradictions(trial(10, 2, rows=4)) == []
-
-
-def test_what_is_not_on_record_is_said_by_stamps():
     pull = trial(2, 4)
     assert described(pull) == (
         "track 60 Hz by its time stamps, from the first row, as nothing else is on record; "

@@ -49,7 +49,7 @@ def test_a_track_is_a_read_only_copy_and_has_no_confidence_where_nothing_is_seen
     assert (track.frame_count, track.marker_count, track.duration) == (3, 4, 2.0)
 
 
-def test_a_perspective_is_removed_as_a_camera_makes_it():
+def test_a_perspective_is_removed_as_a_camera_makes_it_and_others_are_refused():
     heights, below, camera = np.array([0.1, 0.1, 0.0, 0.3]), np.array([3.0, 1.0]), 2.0
     real = np.random.default_rng(0).uniform(0, 4, (20, 4, 2))
     seen = below + (real - below) * ((camera - 0.1) / (camera - heights))[:, None]  # true to scale at 0.1 m
@@ -58,9 +58,6 @@ def test_a_perspective_is_removed_as_a_camera_makes_it():
     filmed = Trial("a", MarkerTrack(np.arange(20), below + (seen - below) / 2), perspective=perspective)
     np.testing.assert_allclose(filmed.seen_from_afar().track.positions, real)
     assert filmed.seen_from_afar().perspective is None
-
-
-def test_a_perspective_that_no_camera_makes_is_refused():
     few = Perspective((0.0, 0.0), (0.0, 0.1))
     filmed = Trial("a", MarkerTrack(TIMES, points()), perspective=few)
     assert says(refusal(TrialError, filmed.seen_from_afar), "trial 'a'", "nearness has 2 numbers", "4 markers")

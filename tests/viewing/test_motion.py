@@ -26,10 +26,13 @@ def test_ghosts_of_a_recording_lie_on_its_own_simulation():
     assert np.abs(off.real - off.simulated).max() > 2e-2
 
 
-def test_a_robot_without_trials_is_moved_by_made_up_controls():
+def test_a_robot_without_trials_is_moved_by_made_up_controls_and_outlines_have_markers():
     shown = shown_trial(ROBOT, PENDULUM_SPACE.published, None, 1.0)
     assert shown.real.shape == (61, 0, 3)
     assert np.ptp(shown.simulated, axis=0).max() > 0.01
+    shown = shown_trial(ROBOT, PENDULUM_SPACE.published, None, 0.1)
+    picture = Outlines(shown, "side", 320, 180).drawn(0).astype(int)
+    assert ((picture[..., 2] - picture[..., 0]) > 100).any()  # blue
 
 
 def test_any_model_is_shown_and_outlines_have_it_in_the_middle(tmp_path):
@@ -42,12 +45,6 @@ def test_any_model_is_shown_and_outlines_have_it_in_the_middle(tmp_path):
     assert 80 < rows.mean() < 100
     assert 140 < columns.mean() < 180
     assert np.ptp(columns) > 3 * np.ptp(rows)
-
-
-def test_outlines_have_the_markers():
-    shown = shown_trial(ROBOT, PENDULUM_SPACE.published, None, 0.1)
-    picture = Outlines(shown, "side", 320, 180).drawn(0).astype(int)
-    assert ((picture[..., 2] - picture[..., 0]) > 100).any()  # blue
 
 
 STIFF = snake().replace('kp="0.2"', 'kp="1e9"').replace('integrator="implicitfast"', 'integrator="Euler"')
