@@ -26,13 +26,7 @@ def browser() -> str:
 
 
 def opened(page: Path, *options: str, milliseconds: int = 20000) -> tuple[str, str]:
-    """What a page has become after some time of its own clock, and what the browser says of it.
-
-    Args:
-        page: The page, in a folder that the browser's profile goes to as well.
-        options: More options of the browser.
-        milliseconds: How far the page's clock goes [ms].
-    """
+    """What a page has become after some time of its own clock [ms], and what the browser says of it."""
     done = subprocess.run(
         [
             browser(), *_OPTIONS, f"--user-data-dir={page.parent / 'profile'}",
@@ -77,14 +71,9 @@ addEventListener("load", async () => {
 
 
 def played(page: Path, place: Path, hand: str, scenario: str, window: str = "1400,860") -> dict[str, Any]:
-    """Opens a page, plays a scenario on it and returns what came of it: its files, their names, and what it said.
+    """Plays a scenario on a page and returns what came of it: its files, their names, and what it pushed to `said`.
 
-    Args:
-        page: The page.
-        place: Where it is put with a script of the test in it.
-        hand: What a hand and an eye do: functions that the scenario calls, beside `key`, `press` and `alert_`.
-        scenario: What is done; it pushes to `said` what is of interest.
-        window: Width and height of the window [px].
+    The page is put at `place`, with a script in it: the scenario calls `key`, `press`, `alert_` and those of `hand`.
     """
     script = _PLAYED.replace("HAND", hand).replace("SCENARIO", scenario)
     # without a screen there are no animation frames

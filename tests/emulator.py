@@ -4,9 +4,9 @@ The packets are those of Dynamixel's protocol 2.0, with byte stuffing and CRC-16
 calculation). The program itself speaks through the maker's library, so each side checks the other.
 
 Not emulated: extended position, current and PWM modes (they are accepted, but nothing turns), indirect addresses, reg
-write, action, reboot, sync read and bulk packets (answered with an instruction error), homing offset, reverse, load. The
-motor accelerates as its profile says, but no faster than `STEEPEST`, and reaches no speed beyond the data sheet's no
-load speed at 12 V. In position mode it takes the quickest way to its goal that the profile allows, and stops there.
+write, action, reboot, sync read and bulk packets (answered with an instruction error), homing offset, reverse mode,
+load. The motor accelerates as its profile says, but no faster than `STEEPEST`, and reaches no speed beyond the data
+sheet's no load speed at 12 V. In position mode it takes the quickest way to its goal that the profile allows.
 
 `python tests/emulator.py [BAUD [ID[:MODEL] ...]]` serves motors on a pseudo-terminal until its standard input ends;
 without an id it is one, with id 1, and without a model an XW540-T140-R.
@@ -68,19 +68,12 @@ _DEFAULTS = {  # what isn't 0 in a motor as it is sold
 
 @dataclass(frozen=True)
 class Packet:
-    """An instruction as it was received.
+    """An instruction as it was received."""
 
-    Attributes:
-        id: Id of the motor that it is for.
-        instruction: One of `PING`, `READ`, `WRITE`, `STATUS`, `SYNC_WRITE`, or one that isn't emulated.
-        parameters: Its content without byte stuffing.
-        intact: Whether its CRC was right.
-    """
-
-    id: int
-    instruction: int
-    parameters: bytes
-    intact: bool = True
+    id: int  # of the motor that it is for
+    instruction: int  # `PING`, `READ`, `WRITE`, `STATUS`, `SYNC_WRITE`, or one that isn't emulated
+    parameters: bytes  # without byte stuffing
+    intact: bool = True  # by its CRC
 
 
 def crc16(data: bytes) -> int:
@@ -134,23 +127,12 @@ class PacketParser:
 
 
 class EmulatedMotor:
-    """Answers packets as the motor would, and turns.
-
-    Attributes:
-        temperature: Present temperature [°C].
-    """
+    """Answers packets as the motor would, and turns; `temperature` is the present one [°C]."""
 
     def __init__(
         self, device: int = 1, model: Model = ct.XW540, clock: Callable[[], float] = time.monotonic, angle: float = 0.0
     ) -> None:
-        """Makes a motor as it is sold.
-
-        Args:
-            device: Id of the motor.
-            model: Its model.
-            clock: Returns the time [s].
-            angle: Where its shaft is [rad].
-        """
+        """Makes a motor as it is sold, with an id, by a clock [s], its shaft at an angle [rad]."""
         self._table = bytearray(_SIZE)
         self._clock = clock
         self._now = clock()
@@ -361,19 +343,13 @@ class EmulatedMotor:
 class Emulator:
     """Motors on a port of their own, served by a thread while the context is open.
 
-    Attributes:
-        motors: The emulated motors.
-        port: Name of the port to open.
-        packets: Packets that were received, each with its time [s of time.monotonic].
+    `packets` are those that were received, each with its time [s of time.monotonic].
     """
 
     def __init__(self, *motors: EmulatedMotor, baud: int | None = None) -> None:
-        """Opens the port.
+        """Opens the port of motors, by default one as it is sold.
 
-        Args:
-            motors: Motors to serve; without any it is one as it is sold.
-            baud: Answers take the time that question and answer need at this rate, and the motor's return delay; None
-                for answers at once.
+        With a baud rate answers take the time that question and answer need at it, and the motor's return delay.
         """
         self.motors = motors or (EmulatedMotor(),)
         self.packets: list[tuple[float, Packet]] = []

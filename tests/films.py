@@ -24,14 +24,7 @@ CAMERA = PoolCamera(width=640, height=360, view=1.0, fps=30.0)  # markers have a
 
 @dataclass(frozen=True)
 class Shot:
-    """A film.
-
-    Attributes:
-        video: The film itself.
-        points: Where the markers are in its first frame.
-        camera: SyntheticCamera file with the camera's height.
-        filmed: The truth about it.
-    """
+    """A film, the points of its first frame, the camera's file and the truth."""
 
     video: Path
     points: Path

@@ -69,6 +69,14 @@ targets = 'joint "link*" damping'
 """
 
 
+TETRAHEDRON = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
+MESHED = ARM.replace("<option", '<compiler meshdir="parts"/><option', 1).replace(
+    "<worldbody>",
+    '<asset><mesh name="fin" file="fin.obj" scale="0.1 0.1 0.1"/></asset><worldbody><include file="rest.xml"/>',
+)
+INCLUDED = '<mujocoinclude><body name="fin"><geom name="fin" type="mesh" mesh="fin"/></body></mujocoinclude>'
+
+
 def parameter(targets: str, lower: float = 0.001, upper: float = 100.0, more: str = "") -> str:
     """A [[parameters]] table that sets a place; `targets` is TOML."""
     return f'[[parameters]]\nname = "x"\nlower = {lower}\nupper = {upper}\nmeaning = "-"\ntargets = {targets}\n{more}\n'
@@ -80,4 +88,14 @@ def made(folder: Path, *parts: str, model: str = ARM, name: str = "arm") -> Path
     (folder / f"{name}.xml").write_text(model)
     place = folder / f"{name}.toml"
     place.write_text("".join(parts))
+    return place
+
+
+def made_of_files(folder: Path, *parts: str, models: str = ".") -> Path:
+    """The same, of a model with an included file and a mesh, in a folder below."""
+    place = made(folder, *parts)
+    place.with_suffix(".xml").unlink()
+    (folder / models / "parts").mkdir(parents=True)
+    for name, text in (("arm.xml", MESHED), ("rest.xml", INCLUDED), ("parts/fin.obj", TETRAHEDRON)):
+        (folder / models / name).write_text(text)
     return place

@@ -99,14 +99,9 @@ def replies(
     tokens: tuple[int, int] = (1000, 200),
     thinking: int = 0,
 ) -> Behavior:
-    """A good reply in each provider's words.
+    """A good reply in each provider's words: of a model, with tokens of input, output and thinking.
 
-    Args:
-        text: Of the reply; None for no text at all.
-        finish: `stop`, `length`, or the provider's own word.
-        model: That says to have answered; the one that was asked by default.
-        tokens: Of the input and of the output, without thinking.
-        thinking: Tokens of it.
+    Without a text it has none at all; `finish` is `stop`, `length` or the provider's own word.
     """
 
     def answer(asked: Asked) -> Answer:
@@ -177,15 +172,7 @@ def refuses(
     headers: Mapping[str, str] | None = None,
     details: list[Any] | None = None,
 ) -> Behavior:
-    """An error in each provider's words.
-
-    Args:
-        status: Of HTTP.
-        message: For people.
-        kind: For machines: Gemini's `status`, OpenAI's `code` and `type`, Anthropic's `type`.
-        headers: Such as Retry-After.
-        details: Of Gemini, such as its RetryInfo.
-    """
+    """An error in each provider's words, with its kind for machines, headers and Gemini's details."""
 
     def answer(asked: Asked) -> Answer:
         match asked.provider:
@@ -228,11 +215,7 @@ def drips(asked: Asked) -> Answer:
 
 
 class VlmServer:
-    """Answers on 127.0.0.1 as it was told, and keeps what it was asked.
-
-    Attributes:
-        requests: All that came, in their order.
-    """
+    """Answers on 127.0.0.1 as it was told, and keeps all requests in their order."""
 
     def __init__(self) -> None:
         self.requests: list[Asked] = []

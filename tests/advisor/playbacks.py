@@ -25,23 +25,14 @@ CART = replace(ARM, name="cart", trials=Trials({"wheel": Drive(offset=2.0)}, (),
 
 @dataclass(frozen=True)
 class Swing:
-    """A straight arm that swings about its base.
+    """A straight arm that swings about its base."""
 
-    Attributes:
-        size: Of the swing [rad].
-        at: Of the base [m].
-        drift: By which the hand is off to the right at the end, from nothing at the start [m].
-        fade: By which it is off to the right at the start, until nothing at the end [m].
-        speed: At which all of it goes to the left [m/s].
-        force: That the sensor reads [N].
-    """
-
-    size: float = 0.1
-    at: tuple[float, float] = (0.0, 0.0)
-    drift: float = 0.0
-    fade: float = 0.0
-    speed: float = 0.0
-    force: float = 1.0
+    size: float = 0.1  # rad
+    at: tuple[float, float] = (0.0, 0.0)  # m, of the base
+    drift: float = 0.0  # m, by which the hand is off to the right at the end, from nothing at the start
+    fade: float = 0.0  # m, by which it is off to the right at the start, until nothing at the end
+    speed: float = 0.0  # m/s, at which all of it goes to the left
+    force: float = 1.0  # N, that the sensor reads
 
     def trial(self, name: str, robot: Robot, divergence: str | None = None) -> Trial:
         since = TIMES - TIMES[0]

@@ -34,23 +34,14 @@ def eel(count: int = 5):
 
 @dataclass(frozen=True)
 class Wave:
-    """A wave that runs along the markers from head to end.
+    """A wave that runs along the markers from head to end."""
 
-    Attributes:
-        frequency: [Hz].
-        speed: Forward [m/s].
-        amplitudes: Of each marker, sideways [m].
-        behind: By how much of a beat each marker comes later [deg].
-        lost: Markers that are never seen.
-        yaw: How far the whole robot swings about its head [rad].
-    """
-
-    frequency: float = 1.0
-    speed: float = 0.1
-    amplitudes: tuple[float, ...] = (0.0, 0.0, 0.03, 0.06, 0.1)
-    behind: tuple[float, ...] = (0.0, 0.0, 0.0, 20.0, 50.0)
-    lost: tuple[int, ...] = ()
-    yaw: float = 0.0
+    frequency: float = 1.0  # Hz
+    speed: float = 0.1  # m/s, forward
+    amplitudes: tuple[float, ...] = (0.0, 0.0, 0.03, 0.06, 0.1)  # m, of each marker, sideways
+    behind: tuple[float, ...] = (0.0, 0.0, 0.0, 20.0, 50.0)  # deg of a beat by which each marker comes later
+    lost: tuple[int, ...] = ()  # markers that are never seen
+    yaw: float = 0.0  # rad, by which the whole robot swings about its head
 
     def track(self, seconds: float, phase: float = 0.0) -> MarkerTrack:
         times = np.arange(round(seconds * 50) + 1) / 50

@@ -38,19 +38,12 @@ def hidden_point() -> np.ndarray:
 
 @dataclass
 class World:
-    """Gives evidence of candidates.
+    """Gives evidence of candidates."""
 
-    Attributes:
-        frequencies: One per trial [Hz].
-        sign: -1 for a fish that swims tail first wherever it is simulated.
-        lost: Trial number and marker of each marker that was never seen.
-        space: In which candidates are given.
-    """
-
-    frequencies: Sequence[float] = (0.6, 0.9, 1.2, 1.5)
-    sign: float = 1.0
-    lost: Sequence[tuple[int, int]] = ()
-    space: ParameterSpace = SPACE
+    frequencies: Sequence[float] = (0.6, 0.9, 1.2, 1.5)  # Hz, one per trial
+    sign: float = 1.0  # -1 for a fish that swims tail first wherever it is simulated
+    lost: Sequence[tuple[int, int]] = ()  # trial number and marker of each marker that was never seen
+    space: ParameterSpace = SPACE  # of candidates
 
     def evaluate(self, point: np.ndarray, failed: bool = False) -> Evaluation:
         point = np.asarray(point, dtype=float)

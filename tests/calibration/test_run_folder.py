@@ -56,14 +56,10 @@ def test_settings_are_read_back_and_what_may_differ_does(folder):
     ({"robot": "x" * 100}, f'robot was "fish" and is now "{"x" * 58}…'),
 ])  # fmt: skip
 def test_other_settings_are_refused_by_name(folder, change, words):
-    assert f"run '{folder.path}' can't go on: {words}; use the same" in refusal(
-        folder.resume, replace(SETTINGS, **change)
-    )
+    assert f"'{folder.path}' can't go on: {words}; use the same" in refusal(folder.resume, replace(SETTINGS, **change))
     assert folder.settings() == SETTINGS
     changed = refusal(folder.resume, replace(SETTINGS, robot_fingerprint="another"))
-    assert (
-        f"its robot file or model has changed since; begin a new run from its values: --first {folder.path}" in changed
-    )
+    assert f"robot file or model has changed since; begin a new run from its values: --first {folder.path}" in changed
 
 
 def test_a_folder_without_a_run_is_named(tmp_path):

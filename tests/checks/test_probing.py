@@ -139,14 +139,6 @@ def test_what_does_not_fit_a_robot_is_reported(robot_of):
     assert len(misfits(FISH, TrialSet((swim,), tuple("abcdefghi")))) == 1
 
 
-@pytest.mark.slow
-def test_every_parameter_of_the_fish_shows():
-    found = probe(FISH)
-    assert [one.parameter.name for one in found] == list(FISH.space.names)
-    assert min(one.distance for one in found) > 1e-4
-    assert not any(one.refused or one.lower.failure or one.upper.failure for one in found)
-
-
 def test_a_search_follows_no_pendulum_that_goes_over_the_top_and_no_long_ring_down(robot_of):
     spring = parameter("'joint \"shoulder\" stiffness'", 0.0005, 0.05, "value = 0.005")
     robot = pendulum(robot_of, spring, start="rest")

@@ -80,13 +80,7 @@ def until(condition: Callable[[], object], started: subprocess.Popen) -> None:
 
 
 def interrupted(words: list[object], begun: Callable[[], object], workers: int = 0) -> list[str]:
-    """Lines of the errors of a command that gets Ctrl-C as from a terminal; nobody works on for it.
-
-    Args:
-        words: Of the command.
-        begun: Whether it is under way.
-        workers: How many processes at least must work for it.
-    """
+    """Lines of errors of a command that gets Ctrl-C when it has begun; of so many workers at least none works on."""
     started = process(*words, start_new_session=True)
     try:
         until(begun, started)

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from program import CTRL_C, interrupted, process
+from program import process
 
 import swim2real
 from pools import NAMES
@@ -281,21 +281,3 @@ def test_report_writes_pages_again(program, run, tmp_path):
     assert program("report", *runs).done().out.split() == [str(one / "report.html") for one in runs]
     page = runs[1] / "report.html"
     assert not re.search(r"<(script|link|img|iframe)[^>]*\s(src|href)\s*=\s*[\"']?(https?:)?//", page.read_text())
-
-
-@pytest.mark.slow
-@CTRL_C
-def test_an_interrupted_run_is_usable_and_goes_on(program, calibration, tmp_path):
-    run = tmp_path / "run"
-    words = [*calibration, "--out", run, "--method", "random"]
-    *lines, last = interrupted([*words, "--budget", 500], lambda: len(record(run)) >= 2)
-    assert last == f"swim2real: interrupted; '{run}' is usable as it is, --resume goes on with it"
-    assert all(re.match(r" +\d+/500 ", line) for line in lines)
-    losses = [entry["loss"] for entry in record(run)]
-    evaluated = program("evaluate", run, "--reference", calibration[1], "--json").done().json
-    assert evaluated["loss"] == pytest.approx(min(losses), rel=1e-6)
-    program(*words, "--budget", len(losses) + 2, "--resume", "--quiet").done()
-    after = [entry["loss"] for entry in record(run)]
-    assert (after[: len(losses)], len(after)) == (losses, len(losses) + 2)
-    assert json.loads((run / "best.json").read_text())["loss"] == min(after)
-    assert (run / "report.html").is_file()

@@ -116,9 +116,7 @@ def test_a_film_of_a_robot_file_without_opengl(program, pendulum_folder, tmp_pat
         "--film", film, "--width", 320,
     )  # fmt: skip
     assert said.code == 0
-    assert "rendered by outlines, since no OpenGL works here (install libegl1 or libosmesa6)" in " ".join(
-        said.out.split()
-    )
+    assert "rendered by outlines, since no OpenGL works here (install libegl1" in " ".join(said.out.split())
     frames = [frame.image.astype(int) for frame in VideoReader(film)]
     assert len(frames) == 16
     assert frames[0].shape == (180, 320, 3)

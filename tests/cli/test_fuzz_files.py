@@ -74,9 +74,7 @@ def made(folder: Path) -> Path:
     (folder / "compared").mkdir()
     asked = ComparisonSettings(methods=("random", "line-search"), seeds=(0, 1), budget=4, horizon=None)
     make_plan(asked, reference, robot).write(folder / "compared")
-    write_results(
-        made_results(made_run("good", 0, [0.2] * 7 + [0.1]), made_run("bad", 0, [0.3] * 8)), folder / "compared"
-    )
+    write_results(made_results(made_run("good", 0, [0.2, 0.1] * 4), made_run("bad", 0, [0.3] * 8)), folder / "compared")
     trained = {"kind": "training", "robot": "fish", "task": "forward", "seed": 0, "env_steps": 400,
                "exploration": 200, "parameters": [load_robot("fish").space.published], "disturbances": {}}  # fmt: skip
     (folder / "policy").mkdir()

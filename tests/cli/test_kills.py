@@ -75,16 +75,9 @@ def contents(folder: Path) -> dict[str, object]:
 def survives(
     command: str, words, out: Path, monkeypatch, resume: str = "", begun: str = "settings.json", start=process
 ) -> None:
-    """Runs a command once in peace and once with kills, and compares.
+    """Runs a command once in peace and once with kills, at moments that its name draws, and compares.
 
-    Args:
-        command: Its name, from which the moments of the kills are drawn.
-        words: Gives the words of the command that writes to a folder, as it is when the command starts.
-        out: Folder for both.
-        monkeypatch: Sets the mark.
-        resume: Option that goes on where it has begun.
-        begun: What is in the folder by then.
-        start: Starts the program.
+    `words` makes the command of a folder; `resume` is the option with which it goes on once `begun` is in the folder.
     """
     began = time.monotonic()
     peaceful = start(*words(out / "peace"))

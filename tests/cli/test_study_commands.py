@@ -70,9 +70,7 @@ def test_the_best_of_several_seeds_is_copied_and_goes_on(program, pendulum_folde
     assert f"the best is a copy of '{best.path}'" in program.err
     assert f"seed 3: {1e3 * losses[0]:.2f} mm in '{runs[0].path}'" in program.err
     assert (out / "report.html").is_file()
-    assert (
-        program(*words(pendulum_folder, out, "--seeds", "0:2")).sentence(1).startswith(f"'{out}' holds a run already")
-    )
+    assert f"'{out}' holds a run already" in program(*words(pendulum_folder, out, "--seeds", "0:2")).sentence(1)
     program(*words(pendulum_folder, out, "--seeds", "3:6", "--resume", "--quiet")).done()
     assert RunFolder(tmp_path / "run-seed-5").outcome() is not None
     reference = json.loads((out / "settings.json").read_text())["reference"]

@@ -82,9 +82,7 @@ def test_a_run_that_was_stopped_goes_on_and_ends_like_one_that_was_not(program, 
     thoughtful.count = 0
     stopped = program(*words("parts", "--max-calls", 1, "--quiet"))
     assert stopped.code == 1
-    assert stopped.err.endswith(
-        "swim2real: 1 calls were made and --max-calls is 1; --resume with a higher one goes on\n"
-    )
+    assert stopped.err.endswith(": 1 calls were made and --max-calls is 1; --resume with a higher one goes on\n")
     before = record(tmp_path / "parts")
     assert 2 <= len(before) < 5
     program(*words("parts", "--max-calls", 9, "--resume")).done()

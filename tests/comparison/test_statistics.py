@@ -148,9 +148,7 @@ def test_the_tables_of_recordings_have_the_figures_that_there_are() -> None:
     made = {table.key: table for table in tables(playback_results(sensor_errors={"load": 0.01234}), "playback")}
     assert made["figures"].columns == ("Method", "Marker error (mm)", "load (N)")
     assert [cell.text for cell in made["figures"].rows[0][1]] == ["15.0 ± 7.1", "0.0123 ± 0"]
-    assert [(name, [cell.text for cell in cells]) for name, cells in made["markers"].rows] == [
-        ("good", ["0.0", "30.0"])
-    ]
+    assert [(name, [one.text for one in cells]) for name, cells in made["markers"].rows] == [("good", ["0.0", "30.0"])]
     assert "lowest playback error" in made["paper"].note
     assert "velocity" not in made  # the trials have no frequency
     turning = {table.key: table for table in tables(playback_results(heading_error=math.pi / 2), "playback")}

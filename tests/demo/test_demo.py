@@ -1,7 +1,6 @@
 """The embedded example: what its camera does to a swim, and the whole pipeline on it."""
 
 import json
-import shutil
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -10,7 +9,7 @@ import pytest
 from pool import PoolCamera
 from swims import film_demo
 
-from films import contents, tables
+from films import contents
 from markertrack.camera_file import read_camera
 from markertrack.following import FrameProgress
 from markertrack.points import load_points
@@ -126,9 +125,7 @@ class Heard:
 
     @property
     def callbacks(self) -> DemoCallbacks:
-        return DemoCallbacks(
-            self.lines.append, self.frames.append, lambda name, result: self.films.append((name, result))
-        )
+        return DemoCallbacks(self.lines.append, self.frames.append, lambda *found: self.films.append(found))
 
     @property
     def done_before(self) -> list[tuple[str, bool]]:
@@ -227,24 +224,6 @@ def test_a_folder_that_holds_something_of_the_kind_or_cant_be_made_is_refused(sh
     (tmp_path / "file").write_text("mine")
     with pytest.raises(RunError, match=r"can't write folder '.*file': .*a file and no folder"):
         short_demo.again(tmp_path / "file")
-
-
-@pytest.mark.slow
-def test_an_interrupted_demo_goes_on_with_what_is_missing(short_demo, tmp_path):
-    out, heard = Path(shutil.copytree(short_demo.out, tmp_path / "out")), Heard()
-    for gone in ("videos/f1_50.mp4", "reference/tracks/f1_50.json"):
-        (out / gone).unlink()
-    (out / "videos" / "f1_50.mp4.part").write_text("half")
-    short_demo.again(out, heard, resume=True)
-    assert heard.done_before == [("f0_75", True), ("f1_50", False)]
-    for folder in ("videos", "reference"):
-        assert tables(out / folder) == tables(short_demo.out / folder)
-    assert contents(out / "videos") == contents(short_demo.out / "videos")
-    outcome = fit(out, demo_settings(3))
-    record = (out / "run" / "record.jsonl").read_text().splitlines()
-    assert record[:2] == (short_demo.out / "run" / "record.jsonl").read_text().splitlines()
-    assert len(record) == 3
-    assert outcome.fit.loss <= short_demo.outcome.fit.loss
 
 
 @pytest.mark.slow

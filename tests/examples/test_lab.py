@@ -28,9 +28,7 @@ def lab(robot=FINGER, **options) -> Lab:
 
 def pull(seconds=0.4) -> Take:
     times = np.arange(0.0, seconds, 0.01)
-    return Take(
-        "pull", seconds, controls=Signals(times, ["winch"], 0.01 + 0.05 * np.maximum(times - 0.1, 0.0)[:, None])
-    )
+    return Take("pull", seconds, controls=Signals(times, ["winch"], 0.01 + 0.05 * np.maximum(times - 0.1, 0)[:, None]))
 
 
 @pytest.fixture(scope="module")

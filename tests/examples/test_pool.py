@@ -59,9 +59,7 @@ def test_truth_is_the_projected_swim():
     track, center = swim(), (0.1, 0.02)
     filmed = scene(track, HEIGHTS, replace(CAMERA, center=center), 0).filmed
     np.testing.assert_allclose(filmed.truth.times, np.arange(31) / 30)
-    position = np.stack(
-        [np.interp(filmed.truth.times + 7.0, track.times, track.positions[:, 1, i]) for i in (0, 1)], -1
-    )
+    position = np.stack([np.interp(filmed.truth.times + 7, track.times, track.positions[:, 1, i]) for i in (0, 1)], 1)
     factor = 2.5 / (2.5 - 0.1)  # of a marker 0.1 m above the plane, seen from 2.5 m
     pixels = [319.5, 179.5] + (position - center) * [1, -1] * factor / filmed.meters_per_pixel
     np.testing.assert_allclose(filmed.truth.positions[:, 1], pixels, atol=0.05)

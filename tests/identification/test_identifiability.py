@@ -1,7 +1,5 @@
 import json
-import re
 import shutil
-from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -120,32 +118,6 @@ def test_of_two_that_make_up_for_one_another_the_sum_is_determined(studied):
     assert pair.parameters["damping_a"] * pair.parameters["damping_b"] > 0
     assert pair.spread < 0.3
     assert 1.5 < found.determined < 2.5
-
-
-@pytest.mark.slow
-def test_a_study_that_is_cut_anywhere_is_the_same_file(run_path, reference, tmp_path):
-    """Every write is a place to be killed at, and so is every evaluation: what wasn't written is done again."""
-
-    def study(folder, stop_at=()):
-        told = 0
-
-        def count(progress):
-            nonlocal told
-            told += 1
-            if told in stop_at:
-                raise KeyboardInterrupt
-
-        shutil.copytree(run_path, folder, dirs_exist_ok=True)
-        for _ in range(len(stop_at) + 1):
-            with suppress(KeyboardInterrupt):
-                identify(reopen(folder, reference, toy.ROBOT, 2), QUICK, on_progress=count)
-        content = (folder / IDENTIFIABILITY).read_text(encoding="utf-8")
-        return told, re.sub(r'"created": "[^"]*"', "", content), (folder / IDENTIFIED).read_bytes()
-
-    evaluations, *whole = study(tmp_path / "whole")
-    stops = (1, evaluations - 4, evaluations)
-    _, *cut = study(tmp_path / "cut", stops)
-    assert cut == whole
 
 
 def test_a_study_that_is_killed_between_two_files_is_the_same(run_path, reference, tmp_path, monkeypatch):

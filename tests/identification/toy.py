@@ -48,9 +48,7 @@ def make_run(reference: TrialSet, out: Path, budget: int | None = 3, seed: int =
     problem = Problem(ROBOT, reference, threads=2)
     folder = RunFolder(out)
     with folder.locked():
-        folder.begin(
-            replace(settings_of(problem, reference, budget=budget, seed=seed), reference="the toy's reference")
-        )
+        folder.begin(replace(settings_of(problem, reference, budget=budget, seed=seed), reference="the toy's"))
         first, rng = SPACE.to_cube(start), streams(seed)[1]
         optimizer = MultiStart([first], rng) if budget is None else RandomSearch(len(SPACE), rng, first)
         best, ending = minimize(problem, SPACE, optimizer, budget, folder)

@@ -176,9 +176,7 @@ def test_stages_find_a_separable_optimum_and_a_search_that_begins_elsewhere_is_r
     best = min(by_stage(told)["fluid"], key=lambda one: one.loss).candidate.point
     np.testing.assert_allclose(best[:4], BEST[:4], atol=0.01)
     np.testing.assert_allclose(best[4:6], BEST[4:6], atol=0.1)
-    said = refusal(
-        OptimizerError, driven, search=lambda dimension, rng, first: random_search(dimension, rng, 1 - first)
-    )
+    said = refusal(OptimizerError, driven, search=lambda size, rng, first: random_search(size, rng, 1 - first))
     assert says(said, "stage 'fluid'", "must begin at the point that it is given")
 
 

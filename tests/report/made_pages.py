@@ -52,9 +52,7 @@ def swim(name: str, frequency: float, miss: float, lost: int | None = None, dive
     return ComparedTrial(
         name, "aligned_marker_error", TIMES, weights, real, simulated, np.full((4, 2), 0.003), real, simulated, (0, 1),
         divergence=divergence, beat=ComparedBeat(frequency, frequency, 0.4, 0.004, simulated - real),
-        progress=ComparedProgress(
-            0.1 * TIMES, 0.1 * TIMES - miss * TIMES / TIMES[-1], 0.1, 0.1 - miss / TIMES[-1]
-        ),
+        progress=ComparedProgress(0.1 * TIMES, 0.1 * TIMES - miss * TIMES / TIMES[-1], 0.1, 0.1 - miss / TIMES[-1]),
     )  # fmt: skip
 
 

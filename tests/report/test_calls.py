@@ -12,9 +12,6 @@ from made_pages import Run, missing, page_of, seen_by, shown_of, visible
 
 from swim2real.advisor.vlm.exchange import Attempt, Media, Reply, Request
 from swim2real.advisor.vlm.transcript import Call, Incumbent, Transcript
-from swim2real.cli import main
-from swim2real.robots.fish import FISH
-from vlm_server import replies
 
 INCUMBENT = Incumbent((0.5,) * 3, 0.1)
 # a picture of one pixel, so that a browser shows it
@@ -193,22 +190,6 @@ def test_missing_calls_are_said_and_a_replay_has_none_of_its_own(run: VlmRun) ->
     replayed = page_of(run)
     assert 'id="calls"' not in replayed
     assert "input_tokens: 32000" in visible(replayed)
-
-
-@pytest.mark.slow
-def test_a_real_run_shows_its_calls(vlm, pool_folder: Path, tmp_path: Path) -> None:
-    vlm.script(replies("no"), then=replies('{"diagnosis": "<b>slow</b>", "parameters": {"motor_arm_length": 0.2}}'))
-    words = ["--advisor", "openai:m-1", "--base-url", vlm.url("openai"), "--detail", "low", "--budget", "2", "--quiet"]
-    with pytest.raises(SystemExit) as end:
-        main(["calibrate", str(pool_folder), "--out", str(tmp_path / "run"), *words])
-    assert end.value.code == 0
-    page = (tmp_path / "run" / "report.html").read_text()
-    said = (
-        "2 calls: none failed, 1 with a reply that wasn&#39;t usable and 1 repair 2,000 tokens in", "price not known",
-        f"clipped: motor_arm_length 0.2 → {FISH.space['motor_arm_length'].upper:g} m", "&lt;b&gt;slow",
-    )  # fmt: skip
-    assert missing(said, visible(page)) == []
-    assert len(page) < 1e6
 
 
 @pytest.mark.slow

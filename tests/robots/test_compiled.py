@@ -1,27 +1,12 @@
 from pathlib import Path
 
-import mujoco
 import pytest
 
+from made_robots import RECORDINGS, ROBOT, made, parameter
 from swim2real.robots import load_robot
 from swim2real.robots.fish import FISH
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
-ROBOT = """
-format = 1
-name = "rod"
-description = "A rod on a hinge, a plate that is welded to it, and a stone of its own."
-model = "rod.xml"
-markers = ["stone", "rod", "plate"]
-[recordings]
-[[parameters]]
-name = "damping"
-lower = 0.1
-upper = 1.0
-meaning = "Of the hinge."
-value = 0.5
-targets = 'joint "hinge" damping'
-"""
 MODEL = """
 <mujoco>
   <worldbody>
@@ -43,11 +28,8 @@ def test_markers_of_the_first_ones_body_keep_their_distances():
     assert load_robot(EXAMPLES / "snake" / "snake.toml").layout.rigid == (0, 1)
 
 
-@pytest.mark.parametrize(
-    ("markers", "rigid"), [('["stone", "rod", "plate"]', (0,)), ('["rod", "stone", "plate"]', (0, 2))]
-)
-def test_a_body_without_a_joint_moves_with_its_parent(tmp_path, markers, rigid):
-    (tmp_path / "rod.xml").write_text(MODEL, encoding="utf-8")
-    mujoco.MjSpec.from_string(MODEL).compile()
-    (tmp_path / "rod.toml").write_text(ROBOT.replace('["stone", "rod", "plate"]', markers), encoding="utf-8")
-    assert load_robot(tmp_path / "rod.toml").layout.rigid == rigid
+@pytest.mark.parametrize(("first", "rigid"), [('"stone", "rod"', (0,)), ('"rod", "stone"', (0, 2))])
+def test_a_body_without_a_joint_moves_with_its_parent(tmp_path, first, rigid):
+    text = ROBOT.replace('"base", "elbow", "tip"', f'{first}, "plate"')
+    damping = parameter("'joint \"hinge\" damping'", more="value = 0.5")
+    assert load_robot(made(tmp_path, text, RECORDINGS, damping, model=MODEL)).layout.rigid == rigid

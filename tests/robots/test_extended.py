@@ -8,7 +8,7 @@ import pytest
 from fluidstep.step import FastStep, disagreement
 from swim2real.calibration import Problem
 from swim2real.demo.synthetic import SyntheticCamera, synthetic_reference
-from swim2real.robots.fish import FISH, FISH_EXTENDED
+from swim2real.robots.fish import FISH, FISH_EXTENDED, FISH_ROLLING
 from swim2real.simulation import Simulator, Swim
 from swim2real.simulation.stepper import Stepper
 from swim2real.trials import Actuation
@@ -26,10 +26,11 @@ def test_every_extra_parameter_changes_the_swim_that_is_the_plain_fishs_without(
     assert np.linalg.norm(after - before, axis=2).max() > 1e-5
 
 
-def test_the_fast_step_takes_the_extended_fish():
-    rough = {parameter.name: parameter.upper for parameter in FISH_EXTENDED.space if parameter.name in EXTRA}
-    for values in (PUBLISHED, {**PUBLISHED, **rough}):
-        assert disagreement(FastStep(FISH_EXTENDED.build(values).compile())) < 1e-10
+@pytest.mark.parametrize("robot", [FISH_EXTENDED, FISH_ROLLING])
+def test_the_fast_step_takes_it(robot):
+    rough = {parameter.name: parameter.upper for parameter in robot.space.parameters[16:]}
+    for values in (robot.space.published, {**robot.space.published, **rough}):
+        assert disagreement(FastStep(robot.build(values).compile())) < 1e-10
 
 
 def test_its_response_expects_what_the_extra_parameters_do():

@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from made_robots import ARM, DAMPING, RECORDINGS, ROBOT, made, parameter
+from made_robots import ARM, DAMPING, RECORDINGS, ROBOT, made, made_of_files, parameter
 from refused import refusal, says
 from swim2real.robots import load_robot, robot_file
 from swim2real.robots.drives import SPEED, TABLE, Drive
@@ -37,12 +37,6 @@ motor_joint = "crank"
 tail_markers = ["stern"]
 """
 SWIMMING = ROBOT.replace('["base", "elbow", "tip"]', '["nose", "stern"]').replace('"side"', '"above"')
-TETRAHEDRON = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
-MESHED = ARM.replace("<option", '<compiler meshdir="parts"/><option', 1).replace(
-    "<worldbody>",
-    '<asset><mesh name="fin" file="fin.obj" scale="0.1 0.1 0.1"/></asset><worldbody><include file="rest.xml"/>',
-)
-INCLUDED = '<mujocoinclude><body name="fin"><geom name="fin" type="mesh" mesh="fin"/></body></mujocoinclude>'
 
 
 def refused(place) -> str:
@@ -166,12 +160,8 @@ def test_one_value_goes_to_several_places_each_in_its_own_way(tmp_path):
 @pytest.mark.parametrize("folder", ["", "models"])
 def test_meshes_and_included_files_are_found_from_anywhere(tmp_path, monkeypatch, folder):
     text = ROBOT.replace("arm.xml", f"{folder}/arm.xml".lstrip("/"))
-    place = made(tmp_path / "robots", text, RECORDINGS, parameter("'mesh \"fin\" scale[0]'"))
-    models = place.parent / folder
-    (models / "parts").mkdir(parents=True)
-    (models / "arm.xml").write_text(MESHED)
-    (models / "rest.xml").write_text(INCLUDED)
-    (models / "parts" / "fin.obj").write_text(TETRAHEDRON)
+    scale = parameter("'mesh \"fin\" scale[0]'")
+    place = made_of_files(tmp_path / "robots", text, RECORDINGS, scale, models=folder)
     monkeypatch.chdir(tmp_path)
     robot = load_robot(os.path.relpath(place))
     monkeypatch.chdir("/")

@@ -1,9 +1,8 @@
 import textwrap
 
 import pytest
-from test_file import INCLUDED, MESHED, TETRAHEDRON
 
-from made_robots import ARM, DAMPING, RECORDINGS, ROBOT, made
+from made_robots import ARM, DAMPING, RECORDINGS, ROBOT, made, made_of_files
 from swim2real.robots import load_robot
 from swim2real.robots.fingerprint import fingerprint
 
@@ -12,11 +11,7 @@ WHOLE = (ROBOT, RECORDINGS, DAMPING)
 
 @pytest.fixture
 def place(tmp_path):
-    place = made(tmp_path, *WHOLE, model=MESHED)
-    (tmp_path / "rest.xml").write_text(INCLUDED)
-    (tmp_path / "parts").mkdir()
-    (tmp_path / "parts" / "fin.obj").write_text(TETRAHEDRON)
-    return place
+    return made_of_files(tmp_path, *WHOLE)
 
 
 @pytest.mark.parametrize(("file", "old", "new"), [

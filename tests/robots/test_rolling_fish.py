@@ -6,7 +6,6 @@ import mujoco
 import numpy as np
 import pytest
 
-from fluidstep.step import FastStep, disagreement
 from swim2real.objective.head import head_motion
 from swim2real.robots.fish import FISH, FISH_ROLLING
 from swim2real.simulation import Simulator, Swim
@@ -57,12 +56,6 @@ def test_stiffness_and_inertia_set_the_frequency_of_the_roll():
         halves.append(crossings[1] - crossings[0])
     assert halves[0] == pytest.approx(np.sqrt(2) * halves[1], rel=0.05)
     assert np.abs(let_go(STIFF, 4.0)[1][-500:]).max() < 0.02  # damped
-
-
-def test_the_fast_step_takes_it():
-    rough = {parameter.name: parameter.upper for parameter in FISH_ROLLING.space}
-    for values in (PUBLISHED, {**PUBLISHED, **{name: rough[name] for name in FISH_ROLLING.space.names[16:]}}):
-        assert disagreement(FastStep(FISH_ROLLING.build(values).compile())) < 1e-10
 
 
 def test_only_a_roll_shows_the_height_of_the_heads_markers_in_its_sway():

@@ -9,12 +9,11 @@ from hypothesis import strategies as st
 
 from markertrack.span import Span
 from recorded import blank, make_robot, recorded, telling, with_markers
-from swim2real.calibration import Problem
 from swim2real.parameters import Parameter, ParameterSpace
 from swim2real.robots.drives import TABLE
 from swim2real.robots.robot import Trials
 from swim2real.simulation import PlaybackSimulator
-from swim2real.trials import Signals, TrialSet
+from swim2real.trials import Signals
 
 XML = """
 <mujoco>
@@ -95,13 +94,3 @@ def test_from_rest_nothing_is_remembered_but_earlier_commands():
     )
     assert data.act[0] == pytest.approx(0.8 * (1 - np.exp(-1.0 / 0.3)), rel=1e-6)
     assert data.qpos[0] == 0.0
-
-
-@pytest.mark.slow
-def test_a_time_constant_is_found_in_recordings_from_mid_motion():
-    body = robot("exact")
-    cut = [replace(whole(body, s, 5.0, 3e-4, 0.4).within(Span(1.5)), name=str(s)) for s in (1, 2)]
-    problem = Problem(body, TrialSet(tuple(cut), body.marker_names), threads=1)
-    times = np.geomspace(0.2, 0.8, 13)
-    losses = [one.loss for one in problem.evaluate_many([{"time": t} for t in times])]
-    assert times[np.argmin(losses)] == pytest.approx(0.4)

@@ -168,9 +168,7 @@ def test_a_keyframe_and_a_trials_own_start():
 
 
 def test_wrong_starts_are_named():
-    assert says(
-        refused(PlaybackSimulator, telling(PENDULUM, start="lying")), "'lying'", "rest, markers, fitted, raised"
-    )
+    assert says(refused(PlaybackSimulator, telling(PENDULUM, start="lying")), "'lying'", "rest, markers, fitted")
     trial = blank(PENDULUM, "a", 0.5, controls=torque_table(1.0), start={"hip": 0.0})
     request = PlaybackSimulator(PENDULUM, 1).request
     assert says(refused(request, trial), "'a'", "joint 'hip'", "(shoulder, elbow)")

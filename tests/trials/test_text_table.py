@@ -124,9 +124,7 @@ def test_the_encoding_is_found(tmp_path, encoding, names):
 
 def test_signs_of_nothing_are_no_numbers_and_no_faults(tmp_path):
     signs = ["#N/A", "NaN", "nan", "NAN", "-", "--", "NULL", "#NV", "#DIV/0!", "", "inf", "-1.#IND", "1.#QNAN", "None"]
-    (tmp_path / "log.csv").write_text(
-        "#N/A,q\n".replace("#N/A", "t") + "".join(f"{i},{s}\n" for i, s in enumerate(signs))
-    )
+    (tmp_path / "log.csv").write_text("t,q\n" + "".join(f"{i},{s}\n" for i, s in enumerate(signs)))
     assert np.isnan(read_table(tmp_path / "log.csv").numbers(1)).all()
     (tmp_path / "log.csv").write_text("q,t\n" + "".join(f"{sign},{i}\n" for i, sign in enumerate(signs)))
     table = read_table(tmp_path / "log.csv")
@@ -134,9 +132,7 @@ def test_signs_of_nothing_are_no_numbers_and_no_faults(tmp_path):
     assert np.isnan(table.numbers(0)).all()
 
 
-@given(
-    st.lists(st.floats(allow_nan=False, allow_infinity=False, width=64).filter(lambda x: abs(x) <= 1e12), min_size=2)
-)
+@given(st.lists(st.floats(allow_nan=False, allow_infinity=False).filter(lambda x: abs(x) <= 1e12), min_size=2))
 def test_numbers_are_read_to_the_last_digit(tmp_path_factory, values):
     path = tmp_path_factory.getbasetemp() / "exact.csv"
     path.write_text("i,x\n" + "".join(f"{i},{value!r}\n" for i, value in enumerate(values)))
@@ -165,9 +161,7 @@ def test_a_cell_that_is_no_number_is_named_with_its_place(tmp_path, cell, parts)
     assert says(refusal(TrialError, table.numbers, 2), "log.csv, line 14, column 3", parts)
 
 
-@pytest.mark.parametrize(
-    "content", [b"\x89PNG\r\n\x1a\n\xff\xfe\x00", b"PK\x03\x04\x14\0\x06\0" + bytes(range(256)) * 4]
-)
+@pytest.mark.parametrize("content", [b"\x89PNG\r\n\x1a\n\xff\xfe\x00", b"PK\x03\x04\x14\0\x06\0" + bytes(range(256))])
 def test_what_is_no_text_is_refused(tmp_path, content):
     (tmp_path / "log.xlsx").write_bytes(content)
     assert says(refusal(TrialError, read_table, tmp_path / "log.xlsx"), "log.xlsx: not readable as text", "CSV")
