@@ -89,7 +89,7 @@ def test_what_is_appended_is_read_back_and_nan_never_gets_on_record(folder):
     assert (folder.path / "record.jsonl").read_bytes().count(b"\n") == 2
     with pytest.raises(ValueError, match="not JSON compliant"):
         folder.append({"loss": float("nan")})
-    assert record_of(folder) == []
+    assert record_of(folder) == entries
 
 
 @pytest.mark.parametrize("kept", [0, 1])

@@ -55,6 +55,7 @@ def test_a_run_with_a_budget_is_finished_and_a_search_that_was_cut_off_goes_on(r
     assert both[4] == best.point
 
 
+@pytest.mark.slow
 def test_a_search_is_the_same_on_any_number_of_cores(reference, tmp_path):
     for threads in (1, 2):
         search(reference, tmp_path / str(threads), most=16, threads=threads)
@@ -62,6 +63,7 @@ def test_a_search_is_the_same_on_any_number_of_cores(reference, tmp_path):
     assert points(tmp_path / "1") == points(tmp_path / "2")
 
 
+@pytest.mark.slow
 def test_a_method_with_a_budget_is_finished_as_one_command(reference, tmp_path):
     """As if it had been finished later, from the values of another run."""
     search(reference, tmp_path / "before", method="random", budget=2, seed=5)
@@ -75,11 +77,6 @@ def test_a_method_with_a_budget_is_finished_as_one_command(reference, tmp_path):
     assert len(points(tmp_path / "one")) == 12
     settings = [RunFolder(tmp_path / name).settings() for name in ("one", "two")]
     assert [(one.budget, one.finish, one.first) for one in settings] == [(4, True, "file")] * 2
-    with pytest.raises(ArgumentError, match="first is 'middle'; it must be auto, model, random, or a parameters file"):
-        CalibrationSettings(first="middle")
-    with pytest.raises(ArgumentError, match="finish needs a budget"):
-        CalibrationSettings(finish=True)
-    assert CalibrationSettings(advisor="files", finish=True, minutes=2).budget == 40
 
 
 def read_best(run):
@@ -94,7 +91,7 @@ def test_fast_motion_is_no_noise():
 
 
 def test_what_a_search_knows_is_said(reference, tmp_path):
-    outcome = search(reference, tmp_path / "run", minutes=2 * SECOND)
+    outcome = search(reference, tmp_path / "run", minutes=SECOND)
     run = RunFolder(tmp_path / "run")
     said = standing(run.record(), run.settings(), outcome, small_run.ROBOT.space)
     assert says(said[0], f"cut off after {len(run.record())} evaluations", "--resume goes on")
@@ -115,6 +112,11 @@ def test_what_ends_a_search_is_either_a_budget_or_minutes(reference, tmp_path):
         ArgumentError, match=r"minutes is 2, which is for a search until it is done; .* budget of 40 ev"
     ):
         CalibrationSettings(advisor="files", minutes=2)
+    with pytest.raises(ArgumentError, match="first is 'middle'; it must be auto, model, random, or a parameters file"):
+        CalibrationSettings(first="middle")
+    with pytest.raises(ArgumentError, match="finish needs a budget"):
+        CalibrationSettings(finish=True)
+    assert CalibrationSettings(advisor="files", finish=True, minutes=2).budget == 40
     with pytest.raises(ArgumentError, match="minutes is 0 min; it must be finite and above 0"):
         CalibrationSettings(minutes=0)
     search(reference, tmp_path / "run", minutes=SECOND / 2)

@@ -8,7 +8,6 @@ import toy
 from refused import refusal, says
 from swim2real.identification.ensemble import Member, make_ensemble, read_ensemble, spread_out, write_ensemble
 from swim2real.identification.finished_run import reopen
-from swim2real.identification.identifiability import identify
 from swim2real.settings import EnsembleSettings, IdentifiabilitySettings
 from swimbase.errors import ArgumentError, ParameterError, RunError
 
@@ -16,17 +15,8 @@ SETTINGS = EnsembleSettings(within=1.2, count=8)
 
 
 @pytest.fixture(scope="module")
-def reference():
-    return toy.make_reference()
-
-
-@pytest.fixture(scope="module")
-def run(tmp_path_factory, reference):
-    """With a study."""
-    folder = toy.make_run(reference, tmp_path_factory.mktemp("toy") / "run")
-    run = reopen(folder.path, reference, toy.ROBOT, 2)
-    identify(run, IdentifiabilitySettings(rounds=3))
-    return run
+def run(studied, reference):
+    return reopen(studied[2], reference, toy.ROBOT, 2)
 
 
 @pytest.fixture(scope="module")

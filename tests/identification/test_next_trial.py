@@ -53,7 +53,7 @@ def make_run(folder, reference, robot=ROBOT, start=PENDULUM_HIDDEN):
 @pytest.fixture(scope="module")
 def studied(tmp_path_factory):
     run = make_run(tmp_path_factory.mktemp("next") / "run", trembling())
-    identify(run, IdentifiabilitySettings(rounds=2))
+    identify(run, IdentifiabilitySettings(rounds=1))
     return run
 
 

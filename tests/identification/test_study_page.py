@@ -6,18 +6,14 @@ import json
 import pytest
 import toy
 
-from swim2real.identification.finished_run import reopen
-from swim2real.identification.identifiability import IDENTIFIABILITY, identify, sets_that_fit
+from swim2real.calibration import RunFolder
+from swim2real.identification.identifiability import IDENTIFIABILITY, sets_that_fit
 from swim2real.report import write_report
-from swim2real.settings import IdentifiabilitySettings
 
 
-@pytest.fixture(scope="module")
-def run(tmp_path_factory):
-    reference = toy.make_reference()
-    folder = toy.make_run(reference, tmp_path_factory.mktemp("toy") / "run")
-    identify(reopen(folder.path, reference, toy.ROBOT, 2), IdentifiabilitySettings(rounds=2))
-    return folder
+@pytest.fixture
+def run(studied):
+    return RunFolder(studied[2])
 
 
 def test_intervals_combinations_and_pairs_are_on_the_page(run):

@@ -12,11 +12,13 @@ from run_settings import settings_of
 from swim2real.calibration import Problem, RunFolder, conclude, minimize
 from swim2real.optimizers import MultiStart, RandomSearch, streams
 from swim2real.parameters import Parameter, ParameterSpace
+from swim2real.settings import IdentifiabilitySettings
 from swim2real.trials import TrialSet
 
 HIDDEN = {"mass": 0.1, "damping_a": 0.004, "damping_b": 0.003, "nothing": 0.3}
 START = {"mass": 0.085, "damping_a": 0.0033, "damping_b": 0.0033, "nothing": 0.5}
 SECONDS = 1.2
+STUDY = IdentifiabilitySettings(rounds=3)
 
 
 def build(values):

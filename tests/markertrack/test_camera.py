@@ -144,7 +144,7 @@ def test_high_markers_are_put_where_they_are_when_the_camera_s_height_is_known(h
     assert camera.findings() == []
 
 
-def test_without_the_camera_s_height_they_drift_and_this_is_said():
+def test_without_the_camera_s_height_they_drift_and_a_height_that_cant_be_used_is_refused():
     true, eye = swim(), Eye(2.0)
     pixels = eye.track(true)
     camera = see(pixels)
@@ -155,9 +155,6 @@ def test_without_the_camera_s_height_they_drift_and_this_is_said():
     for part in ("M2 and M8 stand up to 50 mm", "7 mm too far out", "3.8 m away", "give camera_height"):
         assert part in camera.notes[0]
     assert "7 mm" not in see(pixels, size=None).notes[0]  # without the picture's size no number is made up
-
-
-def test_a_camera_height_that_cant_be_used_is_refused():
     track = Eye().track(swim())
     assert "add principal_point" in refusal(TrackingError, see, track, CameraFile(camera_height=2.0), size=None)
     low = refusal(TrackingError, see, track, CameraFile(camera_height=0.05))
@@ -188,12 +185,22 @@ def test_points_that_make_no_plane_are_refused(points, message):
     assert message in refusal(TrackingError, fit_plane, points, points)
 
 
-def test_what_lies_beyond_a_plane_s_horizon_is_nowhere():
+def test_beyond_a_plane_s_horizon_is_nowhere_and_a_plane_that_disagrees_is_told():
     corners = np.array([[0, 0], [1, 0], [1, 1], [0, 1.0]])
     assert "beyond its horizon; check their order" in refusal(TrackingError, fit_plane, corners, corners[[0, 2, 1, 3]])
     plane = np.array([[1.0, 0, 0], [0, -1.0, 0], [0, 0.01, 1]])
     assert np.isnan(project(plane, np.array([0.0, -200.0]))).all()
     assert np.isfinite(project(plane, np.array([0.0, -50.0]))).all()
+    eye = Eye(2.0, (0.1, 0.1))
+    camera = see(eye.track(swim(), 0.0), CameraFile(points=square(POOL, eye, 1.05 * POOL)), heights=LEVEL)
+    assert camera.scale.spread == pytest.approx(0.05 / 1.05)
+    assert camera.scale.findings()
+    assert camera.scale.estimates[0] == ("camera file's plane", camera.scale.meters_per_pixel)
+    meters = POOL.copy()
+    meters[2] += 0.3
+    camera = see(Eye().track(swim()), CameraFile(points=square(POOL, Eye(), meters), camera_height=2.0))
+    assert camera.residual > 0.01
+    assert f"fit no plane better than {1e3 * camera.residual:.0f} mm" in camera.notes[0]
 
 
 @settings(max_examples=25, deadline=None)
@@ -210,19 +217,6 @@ def test_a_tilted_camera_is_undone_exactly(a, b, height, as_points):
     assert camera.scale.spread < 1e-6
     assert camera.findings() == []
     assert (camera.residual is not None) == as_points
-
-
-def test_a_plane_that_disagrees_with_the_robot_or_its_points_is_told():
-    eye = Eye(2.0, (0.1, 0.1))
-    camera = see(eye.track(swim(), 0.0), CameraFile(points=square(POOL, eye, 1.05 * POOL)), heights=LEVEL)
-    assert camera.scale.spread == pytest.approx(0.05 / 1.05)
-    assert camera.scale.findings()
-    assert camera.scale.estimates[0] == ("camera file's plane", camera.scale.meters_per_pixel)
-    meters = POOL.copy()
-    meters[2] += 0.3
-    camera = see(Eye().track(swim()), CameraFile(points=square(POOL, Eye(), meters), camera_height=2.0))
-    assert camera.residual > 0.01
-    assert f"fit no plane better than {1e3 * camera.residual:.0f} mm" in camera.notes[0]
 
 
 @pytest.mark.parametrize(

@@ -36,16 +36,13 @@ def test_rings_are_where_they_should_be(center):
     assert len(np.unique(cover)) > 8  # its edges are smooth
 
 
-def test_a_broken_ring_has_gaps():
+def test_broken_rings_have_gaps_and_dots_and_crosses_fill_what_they_should():
     whole, broken = (drawn(lambda c, n=n: c.ring((40, 30), 12, RED, 2, dashes=n, share=0.6)) for n in (0, 6))
     assert broken.sum() / whole.sum() == pytest.approx(0.6, abs=0.05)
     angles = np.radians(np.arange(360))
     x, y = np.round(40 + 12 * np.cos(angles)).astype(int), np.round(30 + 12 * np.sin(angles)).astype(int)
     line = broken[y, x] > 0.5
     assert np.count_nonzero(line & ~np.roll(line, 1)) == 6
-
-
-def test_dots_and_crosses_fill_what_they_should():
     dot = drawn(lambda canvas: canvas.dot((40.5, 30.25), 6, RED))
     np.testing.assert_allclose(centroid(dot), (40.5, 30.25), atol=0.15)
     assert dot.sum() == pytest.approx(np.pi * 36, rel=0.06)

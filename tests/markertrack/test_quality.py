@@ -99,28 +99,25 @@ def test_a_marker_that_isnt_where_it_was_is_lost_and_no_other(healthy, harm, mar
     assert quality.usable == (stop - start < 15)
 
 
-def test_a_jump_too_small_to_look_misplaced_is_noticed():
+def test_a_small_jump_and_low_confidence_are_noticed(healthy):
     track = SWIMMER.track(noise=2e-4, by_hand=False)
     positions = track.positions.copy()
     positions[150, 2] += [0.0, 0.025]  # sideways, where a marker may be placed by hand
     quality = check(track, positions)
     assert quality.lost[150, 2]
     assert quality.left_out_share < 0.002
-
-
-def with_confidence(track, value, frames, marker):
-    confidence = np.ones((track.frame_count, 9))
-    confidence[frames, marker] = value
-    return MarkerTrack(track.times, track.positions, confidence)
-
-
-def test_a_marker_of_low_confidence_is_doubtful_and_lost(healthy):
     quality = check(with_confidence(healthy, 0.49, slice(20, 50), 4))
     assert_lost(quality, 4, slice(20, 50), slack=0)
     assert reasons(quality, 4) == {"doubtful"}
     assert quality.findings(FISH.marker_names) == ["M4 is lost in 10 % of frames (doubtful 30)"]
     assert_lost(check(with_confidence(healthy, 0.0, slice(20, 50), 4)), 4, slice(20, 50), slack=0)
     np.testing.assert_array_equal(check(with_confidence(healthy, 0.5, slice(20, 50), 4)).lost, check(healthy).lost)
+
+
+def with_confidence(track, value, frames, marker):
+    confidence = np.ones((track.frame_count, 9))
+    confidence[frames, marker] = value
+    return MarkerTrack(track.times, track.positions, confidence)
 
 
 @pytest.mark.parametrize(("marker", "confidence"), [(0, 0.0), (1, 0.3), (4, 0.3), (8, 0.0)])
@@ -159,14 +156,11 @@ def test_nothing_is_scored_while_the_head_is_lost(healthy):
     assert np.all(quality.weights[150:] == 1)
 
 
-def test_a_head_of_changing_length_makes_the_scale_doubtful(healthy):
+def test_a_head_of_changing_length_makes_the_scale_doubtful_and_no_place_or_heading(healthy):
     positions = healthy.positions.copy()
     positions *= 1 + 0.1 * np.sin(healthy.times)[:, None, None]
     quality = check(healthy, positions)
     assert any("the scale is doubtful" in finding for finding in quality.findings(FISH.marker_names))
-
-
-def test_the_verdict_doesnt_depend_on_place_and_heading(healthy):
     positions = healthy.positions.copy()
     positions[60:, 4] = positions[60:, 5] + [1e-3, 2e-3]
     turned = positions @ np.array([[0.6, 0.8], [-0.8, 0.6]]) + [3.0, -2.0]
@@ -196,16 +190,13 @@ def row_of_five(frames=60):
     return times, np.stack([along + swing, 0 * along], axis=2)
 
 
-def test_markers_that_took_their_neighbors_places_are_misplaced():
+def test_markers_that_took_others_places_are_misplaced_or_jump():
     times, positions = row_of_five()
     wrong = positions.copy()
     wrong[30:34, :2] = positions[30:34, 1:3]
     assert not check_bodies(MarkerTrack(times, positions), [3] * 5).lost.any()
     lost = check_bodies(MarkerTrack(times, wrong), [3] * 5).lost
     assert np.argwhere(lost).tolist() == [[t, m] for t in range(30, 34) for m in (0, 1)]
-
-
-def test_a_row_that_moved_on_by_one_place_jumps():
     times, positions = row_of_five()
     wrong = positions.copy()
     wrong[30:34, :, 0] += 0.03

@@ -14,7 +14,6 @@ from markertrack.corrections import find_stretches
 from markertrack.pages import DOUBTED, EXPECTED, MOST_WITHIN, SURE, make_strips, write_review_page
 from markertrack.points import Anchor, load_anchors
 from markertrack.track import MarkerTrack
-from swimbase.errors import TrackingError
 
 NAMES = ("A", "B", "C", "D")
 WIDTH, HEIGHT, FRAMES, BEGIN = 480, 270, 40, 100
@@ -211,16 +210,6 @@ def test_a_page_says_how_many_stretches_it_leaves_out(tmp_path, monkeypatch):
     monkeypatch.setattr("markertrack.pages.MOST_BYTES", 10)
     data = data_of(write(tmp_path / "b.html", more=4))
     assert (len(data["stretches"]), data["more"]) == (1, 5)
-
-
-def test_names_in_the_page_are_data_not_markup(tmp_path):
-    names = ("</script>", "@@DATA@@", "<!--", "__proto__")
-    path = write(tmp_path / "p.html", "</script>@@DATA@@.mp4", names, command="</script>\u202e")
-    assert path.read_text(encoding="utf-8").count("</script>") == 2
-    assert (data_of(path)["video"], tuple(data_of(path)["names"])) == ("</script>@@DATA@@.mp4", names)
-    assert data_of(path)["command"] == "</script>\\u202e"
-    with pytest.raises(TrackingError, match=r"can't write .*: No such file or directory; make room or allow writing"):
-        write(tmp_path / "no" / "p.html")
 
 
 def test_a_strip_shows_the_stretch_and_the_frames_beside_it():

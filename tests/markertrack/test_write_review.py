@@ -36,7 +36,7 @@ def track(*lost, begin=BEGIN):
     return MarkerTrack(np.arange(len(positions)) / 25, positions)
 
 
-def test_frames_are_those_of_the_video(video, tmp_path):
+def test_frames_are_those_of_the_video_and_none_are_written_where_nothing_is_doubtful(video, tmp_path):
     page = write_review(video, track(*range(5, 12)), ("dot",), tmp_path / "r.html", BEGIN, "swim2real track …")
     data = json.loads(re.search(r'id="data">(.*?)</script>', page.read_text(encoding="utf-8")).group(1))
     assert (data["video"], data["width"], data["height"], data["command"]) == ("dot.mp4", *SIZE, "swim2real track …")
@@ -52,8 +52,5 @@ def test_frames_are_those_of_the_video(video, tmp_path):
         ((_, mx, my, state),) = cut["marks"]
         np.testing.assert_allclose([mx, my], place(cut["frame"]), atol=0.01)  # straight on while it is lost
         assert state == (0 if 13 <= cut["frame"] <= 19 else 2)
-
-
-def test_nothing_is_written_where_nothing_is_doubtful(video, tmp_path):
     assert write_review(video, track(), ("dot",), tmp_path / "r.html", BEGIN, "") is None
     assert not list(tmp_path.iterdir())

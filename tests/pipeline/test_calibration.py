@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from markertrack.track import MarkerTrack
-from pools import LOGARITHMIC, NAMES, film
+from pools import LOGARITHMIC, NAMES
 from refused import refusal, says
 from run_settings import record_of as record
 from swim2real.advisor import PhysicsAdvisor
@@ -130,8 +130,7 @@ def test_a_run_is_begun_once_and_goes_on_with_its_own_reference(begun, pool):
         calibrate(pool, FISH, CalibrationSettings(method="random", budget=1), begun)
     with pytest.raises(RunError, match='method was "random" and is now "line-search"'):
         calibrate(pool, FISH, CalibrationSettings(budget=2), begun, resume=True)
-    moved = TrialSet((replace(pool.trials[0], name="f1_21"), pool.trials[1]), pool.marker_names)
-    for other in (film(seed=4), moved):
-        with pytest.raises(RunError, match=r"can't go on: reference_fingerprint was .* and is now"):
-            calibrate(other, FISH, CalibrationSettings(method="random", budget=2), begun, resume=True)
+    other = TrialSet((replace(pool.trials[0], name="f1_21"), pool.trials[1]), pool.marker_names)
+    with pytest.raises(RunError, match=r"can't go on: reference_fingerprint was .* and is now"):
+        calibrate(other, FISH, CalibrationSettings(method="random", budget=2), begun, resume=True)
     assert (begun / "record.jsonl").read_bytes() == before

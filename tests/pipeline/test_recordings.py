@@ -97,7 +97,7 @@ def test_recordings_begin_at_the_models_own_values_unless_another_seed_is_given(
         "own": {}, "other": {"seed": 1}, "any": {"first": "random"}, "chosen": {"first": "model", "seed": 1},
     }  # fmt: skip
     for name, options in runs.items():
-        calibrate(reference, FLOATER, settings("least-squares", 1, **options), tmp_path / name)
+        calibrate(reference, FLOATER, settings("least-squares", 1, horizon=0.5, **options), tmp_path / name)
     own = FLOATER.space.published
     begun = {name: first_values(tmp_path / name) for name in runs}
     assert begun["own"] == pytest.approx(own)

@@ -183,7 +183,7 @@ def test_what_is_wrong_with_a_packages_task_is_told_when_it_is_asked_for(offers,
 def test_commands_go_on_or_name_a_broken_package(offers, code, told, package, tmp_path):
     package("strange", offers, odd_code=code)
     path = os.pathsep.join([str(EXAMPLES.parent / "src"), str(tmp_path)])
-    words = [sys.executable, "-m", "swim2real", "check", "fish"]
+    words = [sys.executable, "-m", "swim2real", "export-model", "published", "--out", "fish.xml"]
     env = {**os.environ, "PYTHONPATH": path}
     ended = subprocess.run(words, capture_output=True, text=True, env=env, cwd=tmp_path, check=False)
     assert ended.returncode == bool(told), ended.stderr

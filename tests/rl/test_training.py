@@ -220,7 +220,7 @@ def test_noise_may_stay_alike_for_a_while_and_is_as_strong(tmp_path):
         settings = replace(SHORT, env_steps=4000, exploration=3999, noise_time=noise_time)
         with closing(Trainer(settings, VALUES, FISH, out, ANY_PHASE, 1)) as trainer:
             trainer.begin({}, resume=False)
-            made = [trainer._step().actions[:, 0] for _ in range(400)]
+            made = [trainer._step().actions[:, 0] for _ in range(200)]
         return np.array(made)
 
     fresh, alike = actions(0.0, tmp_path / "fresh"), actions(0.1, tmp_path / "alike")
