@@ -9,8 +9,6 @@ import hypothesis
 import mujoco
 import pytest
 
-from films import Shot, shoot
-from pools import film
 from swim2real import consent
 from swim2real.trials import TrialSet, load_reference, save_reference
 from vlm_server import VlmServer
@@ -110,6 +108,8 @@ def repeatable_swims(new_fluid_law) -> None:
 @pytest.fixture(scope="session")
 def pool_folder(tmp_path_factory) -> Path:
     """A reference folder with two short swims of a fish with hidden parameters. Don't write into it."""
+    from pools import film  # heavy, and of no use to the process that hands out the tests
+
     folder = tmp_path_factory.mktemp("pool") / "reference"
     save_reference(film(), folder)
     return folder
@@ -122,12 +122,16 @@ def pool(pool_folder) -> TrialSet:
 
 
 @pytest.fixture(scope="session")
-def shot(tmp_path_factory) -> Shot:
+def shot(tmp_path_factory):
     """A film of 37 frames, f1_50.mp4. Don't write into its folder."""
+    from films import shoot
+
     return shoot(tmp_path_factory.mktemp("shot"))
 
 
 @pytest.fixture(scope="session")
-def clip(tmp_path_factory) -> Shot:
+def clip(tmp_path_factory):
     """A film of 7 frames, f1_25.mp4. Don't write into its folder."""
+    from films import shoot
+
     return shoot(tmp_path_factory.mktemp("clip"), "f1_25", seconds=0.2)
