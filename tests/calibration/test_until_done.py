@@ -30,7 +30,7 @@ def search(reference, out, resume=False, most=None, **settings):
             raise KeyboardInterrupt
 
     with contextlib.suppress(KeyboardInterrupt):
-        return calibrate(reference, small_run.ROBOT, chosen, out, resume=resume, on_progress=stop)
+        return calibrate(reference, small_run.ROBOT, chosen, out, resume=resume, on_progress=stop, on_warning=None)
 
 
 def points(out):

@@ -118,7 +118,8 @@ def test_a_comparison_is_run_folders_results_and_a_table(finished):
 
 
 def test_a_run_is_what_calibrate_makes_of_the_same_settings(finished, tmp_path):
-    calibrate(REFERENCE, PENDULUM, CalibrationSettings(method="random", budget=6, seed=1), tmp_path / "alone")
+    settings = CalibrationSettings(method="random", budget=6, seed=1)
+    calibrate(REFERENCE, PENDULUM, settings, tmp_path / "alone", on_warning=None)
     paths = (tmp_path / "alone", finished / "runs/playback/random/seed-1")
     first, second = ([entry["evidence"] for entry in record_of(path)] for path in paths)
     assert first == second

@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -9,14 +10,15 @@ import pytest
 from markertrack.track import MarkerTrack
 from recorded import FLOATER, FLOATER_HIDDEN, PENDULUM, PENDULUM_HIDDEN, floater_reference, pendulum_reference
 from run_settings import record_of
+from swim2real import pipeline
 from swim2real.calibration import RunFolder
 from swim2real.calibration.convergence import standing
 from swim2real.optimizers import ScriptedAdvisor
 from swim2real.parameters import read_parameters
-from swim2real.pipeline import calibrate
-from swim2real.pipeline import calibration as room
 from swim2real.settings import CalibrationSettings
 from swim2real.trials import TrialSet, load_reference, save_reference
+
+calibrate = partial(pipeline.calibrate, on_warning=None)
 
 
 @pytest.fixture(scope="module")
@@ -39,7 +41,7 @@ def settings(method, budget, **more):
 def scripted(monkeypatch):
     """An advisor that proposes the same points in every run."""
     points = np.random.default_rng(0).random((20, 3))
-    monkeypatch.setattr(room, "make_advisor", lambda *arguments: ScriptedAdvisor(list(points)))
+    monkeypatch.setattr(pipeline.calibration, "make_advisor", lambda *arguments: ScriptedAdvisor(list(points)))
 
 
 @pytest.mark.parametrize("method", [

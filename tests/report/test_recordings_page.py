@@ -45,7 +45,7 @@ def settings(hold_out: str, **more) -> CalibrationSettings:
 def pendulum(tmp_path_factory) -> Path:
     """A finished run with a sensor, compared in the world. Don't write into it."""
     folder = tmp_path_factory.mktemp("pendulum") / "run"
-    calibrate(blinded(pendulum_reference(1e-3)), PENDULUM, settings("b"), folder, sensitivity=True)
+    calibrate(blinded(pendulum_reference(1e-3)), PENDULUM, settings("b"), folder, sensitivity=True, on_warning=None)
     return folder
 
 
@@ -53,7 +53,7 @@ def pendulum(tmp_path_factory) -> Path:
 def floater(tmp_path_factory) -> Path:
     """A finished run that travels, compared in a frame. Don't write into it."""
     folder = tmp_path_factory.mktemp("floater") / "run"
-    calibrate(blinded(floater_reference(1e-3)), FLOATER, settings("fast"), folder)
+    calibrate(blinded(floater_reference(1e-3)), FLOATER, settings("fast"), folder, on_warning=None)
     return folder
 
 
