@@ -1,9 +1,12 @@
+import io
+from contextlib import redirect_stdout
 from pathlib import Path
 
 import pytest
-from program import Program
+from program import Program, pendulum_words
 
 from recorded import PENDULUM_HIDDEN, PENDULUM_SPACE, PENDULUM_XML, pendulum_reference
+from swim2real.cli import main
 from swim2real.trials import save_reference
 
 PENDULUM = """
@@ -58,3 +61,15 @@ def pendulum_folder(tmp_path_factory) -> Path:
     (folder / "pendulum.toml").write_text(PENDULUM, encoding="utf-8")
     save_reference(pendulum_reference(1e-3), folder / "tracks")
     return folder
+
+
+@pytest.fixture(scope="session")
+def finished(pendulum_folder, tmp_path_factory) -> Path:
+    """A finished run of four evaluations, beside what it printed. Copy it before changing it."""
+    run = tmp_path_factory.mktemp("finished") / "run"
+    words = ["--out", str(run), "--budget", "4", "--method", "line-search", "--sensitivity"]
+    with redirect_stdout(io.StringIO()) as printed, pytest.raises(SystemExit) as leaving:
+        main([*pendulum_words(pendulum_folder), *words])
+    assert leaving.value.code == 0
+    run.with_name("printed.txt").write_text(printed.getvalue(), encoding="utf-8")
+    return run

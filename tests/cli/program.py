@@ -55,6 +55,11 @@ class Program:
         return lines[0].removeprefix("swim2real: ")
 
 
+def pendulum_words(folder: Path) -> list[str]:
+    """The words that calibrate the pendulum."""
+    return ["calibrate", str(folder / "tracks"), "--robot", str(folder / "pendulum.toml")]
+
+
 def plain(text: str) -> str:
     return re.sub(r"[\s│╭╮╰╯─]+", " ", text)
 

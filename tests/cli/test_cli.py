@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from program import process
+from program import pendulum_words, plain, process
 
 import swim2real
 from pools import NAMES
@@ -33,25 +33,9 @@ FIGURES = {  # promised of `evaluate --json`
 }  # fmt: skip
 
 
-def pendulum_words(folder: Path) -> list[str]:
-    return ["calibrate", str(folder / "tracks"), "--robot", str(folder / "pendulum.toml")]
-
-
 @pytest.fixture
 def calibration(pendulum_folder) -> list[str]:
-    """The words that calibrate the pendulum."""
     return pendulum_words(pendulum_folder)
-
-
-@pytest.fixture(scope="session")
-def finished(pendulum_folder, tmp_path_factory) -> Path:
-    """A finished run of three evaluations. Copy it before changing it."""
-    run = tmp_path_factory.mktemp("finished") / "run"
-    words = [*pendulum_words(pendulum_folder), "--out", str(run), "--budget", "3", "--quiet"]
-    with pytest.raises(SystemExit) as leaving:
-        main(words)
-    assert leaving.value.code == 0
-    return run
 
 
 @pytest.fixture
@@ -208,23 +192,23 @@ def test_calibrate_leaves_a_whole_run(finished, calibration):
     names = {path.name for path in finished.iterdir()} - {".lock"}
     assert names == {"settings.json", "record.jsonl", "best.json", "outcome.json", "trials.npz", "report.html"}
     settings = RunFolder(finished).settings()
-    assert (settings.budget, settings.seed, settings.protocol) == (3, 0, "playback")
+    assert (settings.budget, settings.seed, settings.protocol) == (4, 0, "playback")
     assert settings.reference == os.path.relpath(calibration[1], finished)
     assert settings.versions["swim2real"] == swim2real.__version__
     entries = record(finished)
-    assert len(entries) == 3
+    assert len(entries) == 4
     assert json.loads((finished / "best.json").read_text())["loss"] == min(entry["loss"] for entry in entries)
 
 
-def test_calibrate_ends_with_the_values_that_it_has_found(program, calibration, tmp_path):
+def test_calibrate_ends_with_the_values_that_it_has_found(program, finished, calibration, tmp_path):
     words = ("--out", tmp_path / "run", "--horizon", 1, "--method", "least-squares", "--budget", 6)
     program(*calibration, *words).done()
     told, best = " ".join(program.out.split()), json.loads((tmp_path / "run" / "best.json").read_text())["parameters"]
     assert told.index("parameter model found unit on bound within") < told.index("Fitted trials")
     for name, value in best.items():
         assert re.search(rf"{name} \S+ {value:.4g} \S+ (lower|upper|–) \S+ to \S+", told), (name, told)
-    program(*calibration, "--out", tmp_path / "other", "--horizon", 1, "--method", "random", "--budget", 1).done()
-    assert "How well the trials determine them: `swim2real identify`" in program.out
+    of_lines = plain(finished.with_name("printed.txt").read_text(encoding="utf-8"))
+    assert "How well the trials determine them: `swim2real identify`" in of_lines
 
 
 @pytest.mark.slow

@@ -50,10 +50,8 @@ NAMES = ("pivot", "middle", "end")
 
 
 def made(folder: Path) -> Path:
-    """Every kind of file, as the program writes them, in a folder with the pendulum and its tracks."""
+    """Every kind of file, as the program writes them, in a folder with the pendulum, its tracks and a run."""
     reference = load_reference(folder / "tracks")
-    run(["calibrate", "tracks", "--robot", "pendulum.toml", "--out", "run", "--budget", "4", "--method", "line-search",
-         "--sensitivity"], folder)  # fmt: skip
     robot = load_robot(str(folder / "pendulum.toml"))
     content = make_ensemble([reopen(folder / "run", reference, robot)], EnsembleSettings(within=9.0))
     (folder / "ensemble.json").write_text(json.dumps(content))
@@ -176,8 +174,10 @@ READERS: dict[str, tuple[Callable[[Path], object], ...]] = {
 
 
 @pytest.fixture(scope="module")
-def corpus(pendulum_folder, tmp_path_factory):
-    return made(Path(shutil.copytree(pendulum_folder, tmp_path_factory.mktemp("corpus"), dirs_exist_ok=True)))
+def corpus(pendulum_folder, finished, tmp_path_factory):
+    folder = Path(shutil.copytree(pendulum_folder, tmp_path_factory.mktemp("corpus"), dirs_exist_ok=True))
+    shutil.copytree(finished, folder / "run")
+    return made(folder)
 
 
 @pytest.fixture(autouse=True)

@@ -4,7 +4,7 @@ import json
 import signal
 
 import pytest
-from program import process
+from program import pendulum_words, process
 
 from run_settings import record_of
 from swim2real.calibration import RunFolder
@@ -55,8 +55,10 @@ def test_ctrl_c_leaves_a_study_that_goes_on(run_folder, pool_folder):
 
 
 def words(folder, out, *more):
-    return ["calibrate", folder / "tracks", "--robot", folder / "pendulum.toml", "--out", out, "--budget", 2,
-            "--horizon", 0.3, "--method", "random", "--first", "random", *more]  # fmt: skip
+    return [
+        *pendulum_words(folder), "--out", out, "--budget", 2, "--horizon", 0.3, "--method", "random",
+        "--first", "random", *more,
+    ]  # fmt: skip
 
 
 @pytest.mark.slow
