@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from program import pendulum_words, plain, process
+from program import pendulum_words, process
 
 import swim2real
 from pools import NAMES
@@ -200,15 +200,13 @@ def test_calibrate_leaves_a_whole_run(finished, calibration):
     assert json.loads((finished / "best.json").read_text())["loss"] == min(entry["loss"] for entry in entries)
 
 
-def test_calibrate_ends_with_the_values_that_it_has_found(program, finished, calibration, tmp_path):
+def test_calibrate_ends_with_the_values_that_it_has_found(program, calibration, tmp_path):
     words = ("--out", tmp_path / "run", "--horizon", 1, "--method", "least-squares", "--budget", 6)
     program(*calibration, *words).done()
     told, best = " ".join(program.out.split()), json.loads((tmp_path / "run" / "best.json").read_text())["parameters"]
     assert told.index("parameter model found unit on bound within") < told.index("Fitted trials")
     for name, value in best.items():
         assert re.search(rf"{name} \S+ {value:.4g} \S+ (lower|upper|–) \S+ to \S+", told), (name, told)
-    of_lines = plain(finished.with_name("printed.txt").read_text(encoding="utf-8"))
-    assert "How well the trials determine them: `swim2real identify`" in of_lines
 
 
 @pytest.mark.slow
@@ -225,6 +223,7 @@ def test_a_run_says_how_it_goes_and_goes_on(program, calibration, tmp_path, monk
     assert (run / "record.jsonl").read_bytes().startswith(before)
     assert [line.split()[:2] for line in program.err.splitlines()[:2]] == [["1/3", "read"], ["2/3", "read"]]
     assert "\x1b" not in program.err + program.out
+    assert "How well the trials determine them: `swim2real identify`" in program.out
     assert len(RunFolder(run).outcome().sensitivity) == 2
     assert len(record(run)) == 3  # the effects are outside the budget
     monkeypatch.setenv("FORCE_COLOR", "1")  # as if it were a terminal

@@ -34,6 +34,7 @@ def test_what_was_written_is_read_back_to_the_last_bit(place):
     assert json.loads(place.read_text())["loss"] == 0.04
     place.write_text(json.dumps(LEAST))  # the documented minimum
     assert (read(place).values, read(place).physics) == (VALUES, None)
+    place.unlink()
     assert says(refusal(ParameterError, read, place), str(place), "is not there")
     assert says(refusal(ParameterError, read, place.parent), f"'{place.parent}'", "no run folder", "best.json")
 
