@@ -52,5 +52,6 @@ def test_frames_are_those_of_the_video_and_none_are_written_where_nothing_is_dou
         ((_, mx, my, state),) = cut["marks"]
         np.testing.assert_allclose([mx, my], place(cut["frame"]), atol=0.01)  # straight on while it is lost
         assert state == (0 if 13 <= cut["frame"] <= 19 else 2)
+    page.unlink()
     assert write_review(video, track(), ("dot",), tmp_path / "r.html", BEGIN, "") is None
     assert not list(tmp_path.iterdir())
