@@ -107,11 +107,11 @@ def demo(
     """Run the whole pipeline on an embedded example: no data, no network, no key.
 
     Tracks the markers of a 'real' fish with hidden parameters in the films that come with it, calibrates, evaluates on
-    a held-out trial, draws intervals, and writes the report.
+    a held-out trial, draws intervals in four rounds instead of eight, and writes the report.
 
     Args:
         out: Folder to write.
-        budget: Simulation evaluations; by default it searches until it is done, for 90 s at most.
+        budget: Simulation evaluations; by default ten with the advisor, then multi-start, for 45 s at most.
         seed: Decides the first point and every random choice.
         full: Take all eight films instead of four.
     """
@@ -144,7 +144,7 @@ def demo(
     study = None
     if outcome is not None:
         opened = reopen(out / "run", load_reference(out / "reference"), FISH)
-        study = study_shown(opened, IdentifiabilitySettings(), outdated(opened), quiet)
+        study = study_shown(opened, IdentifiabilitySettings(rounds=4), outdated(opened), quiet)
     code = 1 if outcome is None else _told(outcome, out / "run", quiet, False)
     if not quiet and code == 0:
         intervals = {name: one.interval_95 for name, one in study.intervals.items()} if study else {}

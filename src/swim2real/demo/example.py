@@ -10,6 +10,7 @@ import numpy as np
 
 from markertrack.following import FrameProgress
 from swim2real.calibration import Outcome, Progress
+from swim2real.demo.synthetic import swim_name
 from swim2real.pipeline import TrackedVideo, calibrate, track_videos
 from swim2real.robots.fish import FISH
 from swim2real.settings import CalibrationSettings, TrackingSettings
@@ -21,7 +22,7 @@ FILMS = Path(__file__).parent / "films"  # made by examples/swims.py
 FREQUENCIES = (0.5, 0.75, 1.0, 1.25)
 MORE_FREQUENCIES = (1.5, 1.75, 2.0, 2.25)  # of the films that only `--full` takes
 HELD_OUT = "f0_75"
-_MINUTES = 1.5  # of search
+_MINUTES = 0.75  # of search
 _HIDDEN_SEED = 2026
 # a fish that swims: the hidden parameters are drawn around these points of the cube, one per parameter group
 _CENTER, _SPREAD = np.repeat([0.55, 0.6, 0.5, 0.85, 0.5, 0.55, 0.55, 0.3], [1, 1, 1, 1, 1, 1, 5, 5]), 0.12
@@ -44,13 +45,16 @@ def hidden_values() -> dict[str, float]:
 
 
 def demo_settings(budget: int | None = None, seed: int = 2, workers: int | None = None) -> CalibrationSettings:
-    """Settings of the demo's calibration.
+    """Settings of the demo's calibration: without a budget an advisor finds where to search, multi-start the rest.
 
     Raises:
         ArgumentError: A value is outside what is allowed.
     """
-    minutes = _MINUTES if budget is None else None
-    return CalibrationSettings(budget=budget, minutes=minutes, seed=seed, hold_out=(HELD_OUT,), threads=workers)
+    if budget is None:
+        settings = CalibrationSettings(budget=10, finish=True, minutes=_MINUTES)
+    else:
+        settings = CalibrationSettings(budget=budget)
+    return replace(settings, seed=seed, hold_out=(HELD_OUT,), threads=workers)
 
 
 def track(
@@ -73,7 +77,7 @@ def track(
     folder, callbacks = Path(out), callbacks or DemoCallbacks()
     if not resume and any((folder / part).exists() for part in ("videos", "camera.json", "reference", "run")):
         raise RunError(f"'{folder}' holds a demo already; remove it, choose another --out or go on with --resume")
-    taken = {f"f{frequency:.2f}".replace(".", "_") for frequency in FREQUENCIES}
+    taken = set(map(swim_name, FREQUENCIES))
     names = [path.stem for path in sorted(Path(films).glob("*.mp4")) if full or path.stem in taken]
     videos = [folder / "videos" / f"{name}.mp4" for name in names]
     points = [video.with_suffix(".points.json") for video in videos]

@@ -82,10 +82,14 @@ def steady_swims(
     body = replace(robot, build=_with_timestep(robot, timestep))
     angles = rng.uniform(0, 2 * np.pi, len(frequencies))
     swims = [
-        Swim(f"f{f:.2f}".replace(".", "_"), Actuation(f, angle, 0.1), seconds)
-        for f, angle in zip(frequencies, angles, strict=True)
+        Swim(swim_name(f), Actuation(f, angle, 0.1), seconds) for f, angle in zip(frequencies, angles, strict=True)
     ]
     return Simulator(body, threads, sample_interval).simulate(values, swims)
+
+
+def swim_name(frequency: float) -> str:
+    """Name of a swim by its frequency [Hz], such as `f1_50`."""
+    return f"f{frequency:.2f}".replace(".", "_")
 
 
 def turned(positions: Array, angle: float) -> Array:

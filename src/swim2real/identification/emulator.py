@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg import cho_factor, cho_solve, solve_triangular
 
 from swim2real.identification.evaluated import EvaluatedPoint
 from swimbase.arrays import Array
@@ -44,22 +44,22 @@ class Emulator:
         self._points = np.array([one.point for one in evaluated])
         changes = np.array([one.residual for one in evaluated]) - best.residual
         near = np.minimum(1.0, _FAR * self.lowest / np.maximum(np.linalg.norm(changes, axis=1), 1e-300))
-        _, sizes, basis = np.linalg.svd(changes * near[:, None], full_matrices=False)
-        basis = basis[: min(_COMPONENTS, int((sizes > 1e-3 * sizes[0]).sum()))]
+        basis = _components(changes * near[:, None])
         self._outputs = np.einsum("in,kn->ik", changes, basis)
         self._slope = 2 * np.einsum("kn,n->k", basis, best.residual)
         size = self._points.shape[1]
         self._axes = _directions(self._points - self._center, self._outputs, near**2)
         self.kernel = self._chosen(np.append(np.zeros(size), [0.0, -3.0]) if kernel is None else kernel)
-        self._factor = cho_factor(self._covariance(self.kernel), lower=True)
-        self._weights = np.asarray(cho_solve(self._factor, self._outputs))
+        factor = cho_factor(self._covariance(self.kernel), lower=True)
+        self._weights = np.asarray(cho_solve(factor, self._outputs))
+        self._whitener = np.asarray(solve_triangular(factor[0], np.eye(len(self._points)), lower=True))
         self._scale = float(np.einsum("ik,ik->", self._outputs, self._weights)) / len(self._points)
 
     def __call__(self, points: Array) -> Array:
         """Expected square of the misfit [m²]. Shape (N, d) to (N,)."""
         cross, own = self._between(points, self.kernel)
-        explained = np.einsum("ij,ji->i", cross, np.asarray(cho_solve(self._factor, cross.T)))
-        change = np.einsum("ij,jk->ik", cross, self._weights)
+        explained = np.square(cross @ self._whitener.T).sum(axis=1)
+        change = cross @ self._weights
         mean = self.lowest**2 + np.einsum("ik,k->i", change, self._slope) + np.square(change).sum(axis=1)
         return np.maximum(mean, 0.0) + self._scale * np.maximum(own - explained, 0.0)
 
@@ -101,6 +101,13 @@ class Emulator:
                         kernel, highest = tried, evidence
                         break
         return kernel
+
+
+def _components(changes: Array) -> Array:
+    """Principal components, the largest first, by the inner products of the few rows. Shape (N, n) to (k, n)."""
+    squares, sides = np.linalg.eigh(changes @ changes.T)
+    kept = np.flatnonzero(squares > 1e-6 * squares[-1])[: -_COMPONENTS - 1 : -1]
+    return sides[:, kept].T @ changes / np.sqrt(squares[kept])[:, None]
 
 
 def _directions(away: Array, changes: Array, weights: Array) -> Array:
