@@ -43,11 +43,12 @@ class Frame(NamedTuple):
     radii: Array
 
 
-def decide(frames: Sequence[Frame]) -> tuple[Array, Array]:
+def decide(frames: Sequence[Frame], margins: Sequence[Array]) -> tuple[Array, Array]:
     """The most likely places over a film.
 
     Args:
         frames: T frames; of the first one `moves` isn't read.
+        margins: Largest margin of each candidate, by what else is known. T x (M, C).
 
     Returns:
         Positions, NaN where a marker isn't seen [px], shape (T, M, 2), and confidence from 0 to 1, shape (T, M).
@@ -55,10 +56,10 @@ def decide(frames: Sequence[Frame]) -> tuple[Array, Array]:
     costs = [frame.costs for frame in frames]
     claims: list[Claims] = []
     for _ in range(ROUNDS):
-        paths = _through(frames, costs)
-        claims = [Claims.of(frames[0], paths[0])]
-        for frame, path in zip(frames[1:], paths[1:], strict=True):
-            claims.append(claims[-1].next(frame, path))
+        paths = through([frame.moves for frame in frames], costs)
+        claims = [Claims.of(frames[0], paths[0], margins[0])]
+        for frame, path, most in zip(frames[1:], paths[1:], margins[1:], strict=True):
+            claims.append(claims[-1].next(frame, path, most))
         held = [one.taken(frame) for frame, one in zip(frames, claims, strict=True)]
         after = [frame.costs + kept for frame, kept in zip(frames, held, strict=True)]
         if all(np.array_equal(*pair) for pair in zip(costs, after, strict=True)):
@@ -68,18 +69,18 @@ def decide(frames: Sequence[Frame]) -> tuple[Array, Array]:
     return np.array([positions for positions, _ in found]), np.array([confidence for _, confidence in found])
 
 
-def _through(frames: Sequence[Frame], costs: Sequence[Array]) -> list[Array]:
-    """Costs of the cheapest path through each candidate of each frame. T x (M, C)."""
-    through = [costs[0] - costs[0].min(axis=1, keepdims=True)]
-    for frame, own in zip(frames[1:], costs[1:], strict=True):
-        through.append(advanced(through[-1], own, frame.moves))
+def through(moves: Sequence[Array], costs: Sequence[Array]) -> list[Array]:
+    """Costs of the cheapest path through each candidate of each frame, T x (M, C), with moves T x (M, B, C)."""
+    paths = [costs[0] - costs[0].min(axis=1, keepdims=True)]
+    for move, own in zip(moves[1:], costs[1:], strict=True):
+        paths.append(advanced(paths[-1], own, move))
     after = np.zeros_like(costs[-1])
-    for t in range(len(frames) - 1, 0, -1):
-        through[t] = through[t] + after
-        after = (frames[t].moves + (costs[t] + after)[:, None]).min(axis=2)
+    for t in range(len(costs) - 1, 0, -1):
+        paths[t] = paths[t] + after
+        after = (moves[t] + (costs[t] + after)[:, None]).min(axis=2)
         after -= after.min(axis=1, keepdims=True)
-    through[0] = through[0] + after
-    return through
+    paths[0] = paths[0] + after
+    return paths
 
 
 def advanced(before: Array, costs: Array, moves: Array) -> Array:
@@ -104,20 +105,21 @@ class Claims(NamedTuple):
     ages: Array
 
     @classmethod
-    def of(cls, frame: Frame, paths: Array) -> Claims:
-        """The cheapest candidates, by the costs of paths through each. Shape (M, C)."""
+    def of(cls, frame: Frame, paths: Array, margins: Array) -> Claims:
+        """The cheapest candidates, by costs of paths through each, with margins of at most so much. (M, C) each."""
         every, chosen = np.arange(len(paths)), paths.argmin(axis=1)
         places = frame.places[every, chosen]
         limits = np.maximum(SAME[0], SAME[1] * frame.radii)
         away = np.linalg.norm(frame.places - places[:, None], axis=2) > limits[:, None]
         away[:, 0] = True  # not being seen is another explanation
         margin = np.where(away, paths, np.inf).min(axis=1) - paths[every, chosen]
+        margin = np.minimum(margin, margins[every, chosen])
         confidence = np.where(chosen > 0, 1 / (1 + np.exp(HALF - np.minimum(margin, 50.0))), 0.0)
         return cls(chosen, places, confidence, np.zeros(len(paths)))
 
-    def next(self, frame: Frame, paths: Array) -> Claims:
+    def next(self, frame: Frame, paths: Array, margins: Array) -> Claims:
         """The claims in the next frame."""
-        found, every = Claims.of(frame, paths), np.arange(len(paths))
+        found, every = Claims.of(frame, paths, margins), np.arange(len(paths))
         followed = (self.chosen > 0) & (found.chosen > 0) & frame.steady[every, self.chosen, found.chosen]
         return found._replace(ages=np.where(followed, self.ages + 1, 0))
 

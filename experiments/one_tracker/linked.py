@@ -1,10 +1,10 @@
-"""One tracker for every layout: candidates from flow, looks and pictures, weighed by all that is known, and linked.
+"""Tracks markers by candidates from flow, looks and pictures, weighed by all that is known, and linked over the film.
 
 In each frame a marker has a few candidates: where the flow from its last candidates leads, spots that look like it,
 places that look like its picture. Each has a cost (see `trellis`): how little it looks like the marker, how badly its
 distances from other markers' candidates fit those that they have kept in this film so far, and how likely another
-marker is there. What nothing fits becomes *not seen*, from where every place is possible again. No rule decides in a
-frame: the costs add up, and the film decides.
+marker is there; those of one body go together (`configurations`). What nothing fits becomes *not seen*, from where
+every place is possible again. No rule decides in a frame: the costs add up, and the film decides.
 """
 
 from __future__ import annotations
@@ -13,23 +13,23 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from configurations import Body, Candidates, said
 from numpy.typing import NDArray
-from trellis import Claims, Frame, advanced, decide
+from trellis import SAME, Claims, Frame, advanced, decide, through
 
 from markertrack.tracking.free import _Flow as Flow
 from markertrack.tracking.looks import Looks
 from markertrack.tracking.spots import Spots
 from markertrack.tracking.tracker import REASONS, Array, Image, Mask, check_order, inside
 
-MOST = 4  # candidates that are kept of each marker, besides that it isn't seen
-UNSEEN, LOSING = 5.0, 1.0  # cost of a frame in which a marker isn't seen, and of becoming so
+MOST = 5  # candidates that are kept of each marker, besides that it isn't seen
+UNSEEN, LOSING = 2.0, 5.0  # cost of a frame in which a marker isn't seen, and of becoming so
 PICTURE, UNLIKE = 1.5, 12.0  # cost of a place that looks like the picture, and of one that doesn't at all
 FADING = 0.9  # of its step that a marker goes on by in each frame in which it isn't seen
 STRANGE = 0.01  # share of steps that nothing foresees
 LEAST_LIKE = 0.1  # likeness of a spot that may be the marker
 FLOW_NOISE, STEP_NOISE = 0.7, 0.05  # px, and of the step, by which flow is off
-GIVE, LOOSE = 0.03, 0.12  # of a distance by which it changes, until it is known: on a rigid body, along a chain
-NEIGHBORS = 2  # along a chain on either side that keep their distance
+GIVE = 0.03  # of a distance within a body by which it changes, until it is known
 FORGET = 0.05  # of what is known of a distance, in each frame
 WITNESSES = 3.0  # markers that speak for a place independently: a rigid body moves in three ways
 FAR = 20.0  # of a path, above which flow isn't asked where it leads
@@ -39,34 +39,28 @@ REPEATED = 0.1  # px that nothing moves by in a picture that repeats the last on
 REACH = 2.5  # standard deviations within which a marker is looked for
 
 
-class MarkerTracker:
+class LinkedTracker:
     """Follows markers on rigid or soft bodies, along a chain, or such that nothing connects. See `tracker.Tracker`.
 
     Attributes:
         reasons: In how many frames each marker was lost or doubtful, by the reason. Shapes (M,).
     """
 
-    def __init__(self, bodies: Sequence[int], chain: bool = False) -> None:
+    def __init__(self, bodies: Sequence[int]) -> None:
         """Takes what the robot file knows.
 
         Args:
             bodies: Number of the rigid body that carries each marker. Shape (M,).
-            chain: Whether neighbors about keep their distance as well.
         """
-        numbers, rank = np.asarray(bodies), np.arange(len(bodies))
-        self._give = np.where(numbers[:, None] == numbers, GIVE, np.inf)
-        if chain:
-            near = np.abs(rank[:, None] - rank) <= NEIGHBORS
-            self._give = np.where(near, np.minimum(self._give, LOOSE), self._give)
-        np.fill_diagonal(self._give, np.inf)
+        numbers = np.asarray(bodies)
+        self._pairs = (numbers[:, None] == numbers) & ~np.eye(len(numbers), dtype=bool)
 
     def start(self, image: Image, points: Array, time: float) -> tuple[Array, Array]:
         """Learns what the markers look like and how they lie."""
         self._looks, self._flow, self._time = Looks(image, points), Flow(image), time
         places, count = self._looks.points, len(points)
         self._distances = np.linalg.norm(places[:, None] - places, axis=2)
-        self._pairs = np.isfinite(self._give)
-        self._variances = np.where(self._pairs, (np.where(self._pairs, self._give, 0) * self._distances) ** 2 + 1, 1.0)
+        self._variances = (GIVE * self._distances) ** 2 + 1
         shape = (count, MOST + 1)
         self._places = np.repeat(places[:, None], MOST + 1, axis=1)
         self._velocities = np.zeros((*shape, 2))
@@ -79,13 +73,32 @@ class MarkerTracker:
         self._alone = self._costs  # of paths, whatever other markers do
         none = np.zeros((*shape, MOST + 1))
         self._frames = [Frame(self._places, self._costs, none, none > 0, self.radii)]
-        self._claims = Claims.of(self._frames[0], self._costs)
+        self._claims = Claims.of(self._frames[0], self._costs, np.full(shape, np.inf))
+        self._bodies: list[Body] = []
+        free = set(np.flatnonzero(self._pairs.any(axis=1)).tolist())
+        while free:
+            self._bodies.append(Body(places, self._distances, self._pairs, min(free)))
+            free -= set(self._bodies[-1].markers.tolist())
+        self._ways = [[(body.chosen, body.edges)] for body in self._bodies]
         self._moved = time  # when the picture last changed
         return places.copy(), np.ones(count)
 
     def decided(self) -> tuple[Array, Array]:
         """Positions and confidence over all frames, as `trellis.decide` has them. Shapes (T, M, 2), (T, M)."""
-        return decide(self._frames)
+        paths = [
+            through([edges[None] for _, edges in ways], [np.zeros((1, len(chosen))) for chosen, _ in ways])
+            for ways in self._ways
+        ]
+        frames, margins = list(self._frames), []
+        for t, frame in enumerate(self._frames):
+            bodies = [
+                (body.markers, ways[t][0], path[t][0])
+                for body, ways, path in zip(self._bodies, self._ways, paths, strict=True)
+            ]
+            costs, most = said(frame.costs.shape, bodies)
+            frames[t] = frame._replace(costs=frame.costs + costs)
+            margins.append(most)
+        return decide(frames, margins)
 
     @property
     def radii(self) -> Array:
@@ -98,13 +111,14 @@ class MarkerTracker:
         self._time, self._steps = time, self._velocities * (time - self._moved)
         count, radii = len(self._costs), self.radii
         every, first = np.arange(count), self._costs.argmin(axis=1)
-        foreseen, sigmas, carried, growths, flowed = self._foreseen(image)
+        foreseen, sigmas, carried, growths, flowed, blind = self._foreseen(image)
         fastest = np.maximum(2 * radii + 4, self._fastest * (time - self._moved))
         wide = np.maximum(fastest[:, None], np.linalg.norm(self._steps, axis=2))
         wide = wide * np.sqrt(1 + self._unseen)
         if self._cut:  # all may be anywhere
             wide = np.maximum(wide, max(image.shape) / REACH)
-        sigmas = np.where(carried, sigmas, np.where(self._moving, np.minimum(sigmas, wide), wide))
+        blind = np.where(self._moving, np.minimum(blind, wide), wide)
+        sigmas = np.where(carried, sigmas, blind)
         sure = carried[every, first] & (self._unsure == 0)
         self._looks.grow(np.where(sure, growths[every, first], 1.0))
         narrow = carried & self._spotted
@@ -129,6 +143,16 @@ class MarkerTracker:
         moves = _surprise(off, sigmas[:, :, None], wide[:, :, None])
         moves[:, :, 0] = np.where(np.arange(MOST + 1) == first[:, None], LOSING, MOST_SAID + LOSING)
         frame = Frame(places, costs, moves, off < (REACH * sigmas[:, :, None]) ** 2, radii)
+        last_steps = self._places + self._steps
+        unaided = _surprise(
+            ((places[:, None] - last_steps[:, :, None]) ** 2).sum(axis=3), blind[:, :, None], wide[:, :, None]
+        )
+        at = Candidates(places, costs, np.stack([moves, unaided]), self._distances, self._variances, radii)
+        same = np.maximum(SAME[0], SAME[1] * radii)
+        for body in self._bodies:
+            before = body.chosen
+            body.advance(at, same, UNSEEN)
+            body.open(frame.moves, before, body.chosen)
         frame = frame._replace(costs=costs + self._agreement(frame))
         self._keep(image, frame, spots, spot)
         return self._seen
@@ -143,6 +167,7 @@ class MarkerTracker:
         growths, sigmas = np.ones(follow.shape), np.broadcast_to(radii[:, None], follow.shape).copy()
         sigmas = 1.0 + 0.3 * sigmas + 0.5 * np.maximum(np.linalg.norm(steps, axis=2), fastest[:, None])
         sigmas += fastest[:, None] * self._unseen  # it may have gone anywhere meanwhile
+        blind = sigmas.copy()
         moves = self._flow.follow(image, self._places[rows, columns], radii[rows], self._steps[rows, columns])
         good = moves.errors < np.maximum(1.0, 0.1 * radii[rows])
         good &= inside(self._places[rows, columns] + moves.steps, image)
@@ -154,7 +179,7 @@ class MarkerTracker:
         carried[rows, columns], steps[rows, columns] = True, moves.steps[good]
         growths[rows, columns] = moves.growths[good]
         sigmas[rows, columns] = FLOW_NOISE + STEP_NOISE * np.linalg.norm(moves.steps[good], axis=1)
-        return _Foreseen(self._places + steps, sigmas, carried, growths, flowed)
+        return _Foreseen(self._places + steps, sigmas, carried, growths, flowed, blind)
 
     def _boxes(self, image: Image, foreseen: Array, reaches: Array) -> NDArray[np.int64]:
         """Where each marker is looked for: left, top, right, bottom [px]. Shape (M, 4)."""
@@ -223,15 +248,22 @@ class MarkerTracker:
         count, radii = len(frame.costs), self.radii
         every = np.arange(count)
         parents = (self._costs[:, :, None] + frame.moves).argmin(axis=1)
-        alone = advanced(self._alone, frame.costs, frame.moves)
-        claims = self._claims.next(frame, alone)
-        costs = advanced(self._costs, frame.costs + claims.taken(frame), frame.moves)
+        told, margins = said(frame.costs.shape, [(body.markers, body.chosen, body.costs) for body in self._bodies])
+        alone = advanced(self._alone, frame.costs + told, frame.moves)
+        claims = self._claims.next(frame, alone, margins)
+        costs = advanced(self._costs, frame.costs + told + claims.taken(frame), frame.moves)
         kept = np.zeros((count, MOST + 1), dtype=np.int64)
         used = np.zeros((count, MOST + 1), dtype=bool)
         used[:, 0] = True
+        together: list[set[int]] = [set() for _ in range(count)]
+        for body in self._bodies:
+            for m, own in zip(body.markers.tolist(), body.chosen.T.tolist(), strict=True):
+                together[m] = set(own) - {0}
         for m in range(count):
-            chosen: list[int] = []
+            chosen: list[int] = sorted(together[m])
             for i in np.argsort(costs[m, 1:], kind="stable").tolist():
+                if i + 1 in chosen:
+                    continue
                 if len(chosen) == MOST or not np.isfinite(costs[m, i + 1]):
                     break
                 place = frame.places[m, i + 1]
@@ -244,7 +276,7 @@ class MarkerTracker:
         parent = parents[rows, kept]
         near = frame.steady[rows, parent, kept] & (parent > 0)
         if self._repeats:  # what moves goes on
-            velocities, near = self._velocities[rows, parent], self._moving[rows, parent]
+            velocities = self._velocities[rows, parent]
         else:
             velocities = (places - self._places[rows, parent]) / (self._time - self._moved)
             velocities = np.where(near[..., None], velocities, 0.0)  # of a jump nothing follows
@@ -256,11 +288,16 @@ class MarkerTracker:
         self._unseen = np.where(np.arange(MOST + 1) == 0, self._unseen[rows, parent] + 1, 0.0)
         steady = np.take_along_axis(frame.steady, kept[:, None], axis=2)
         self._frames.append(Frame(places, own, moves, steady, radii))
+        slots = (kept[:, :, None] == np.arange(frame.costs.shape[1])).argmax(axis=1)
+        for body, ways in zip(self._bodies, self._ways, strict=True):
+            body.chosen = slots[body.markers, body.chosen]
+            ways.append((body.chosen, body.edges))
+        margins = np.take_along_axis(margins, kept, axis=1)
         self._places, self._velocities, self._moving = places, velocities, near
         self._costs, self._alone = (np.where(used, np.take_along_axis(a, kept, axis=1), np.inf) for a in (costs, alone))
         index = np.where(kept == claims.chosen[:, None], np.arange(MOST + 1), 0).max(axis=1)
         self._claims = claims._replace(chosen=index)
-        self._seen = positions, confidence = Claims.of(self._frames[-1], self._costs).seen(self._frames[-1])
+        self._seen = positions, confidence = Claims.of(self._frames[-1], self._costs, margins).seen(self._frames[-1])
         certain = confidence > CERTAIN
         like = np.where(positions[:, 0] == positions[:, 0], own.min(axis=1) < UNSEEN / 2, False)
         for reason, why in zip(REASONS, (np.isnan(positions[:, 0]), like, ~like), strict=True):
@@ -290,6 +327,7 @@ class _Foreseen(NamedTuple):
         carried: Whether flow says so. Shape (M, C).
         growths: By how much each grows. Shape (M, C).
         flowed: Where flow leads, NaN for nowhere [px]. Shape (M, C, 2).
+        blind: Standard deviation by the last step alone [px]. Shape (M, C).
     """
 
     places: Array
@@ -297,6 +335,7 @@ class _Foreseen(NamedTuple):
     carried: Mask
     growths: Array
     flowed: Array
+    blind: Array
 
 
 def _surprise(squares_off: Array, sigma: Array, wide: Array) -> Array:
