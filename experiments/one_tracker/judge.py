@@ -5,11 +5,11 @@
 Each folder is a film's, as `benchmarks/real_films.py` takes it. Prints usable positions (confidence of at least 0.5),
 silent errors (usable, off by more than 3 px and half a radius), their root mean square error, and processor time.
 
-It isn't the product's tracker yet: on the whole film of the building single markers of a row go astray where it jumps by
-100 px (438 silent errors; 0 within parts of it), and drawn films (`benchmarks/lattice_films.py --seed 0`) had 1,734 in 12
-of 40, where rows of equal dots move by more than their spacing, or a dot passes another that stays. That a marker stays
-unseen for long must cost little (UNSEEN), else what looks like it is taken for it; a step that flow tells should be held
-against the last step as well, for one marker as for bodies.
+It isn't the product's tracker yet: on the whole film of the building single markers of a row go astray where it jumps
+by 100 px (438 silent errors; 0 within parts of it), and drawn films (`benchmarks/lattice_films.py --seed 0`) had
+1,734 in 12 of 40, where rows of equal dots move by more than their spacing, or a dot passes another that stays. That
+a marker stays unseen for long must cost little (UNSEEN), else what looks like it is taken for it; a step that flow
+tells should be held against the last step as well, for one marker as for bodies.
 """
 
 import sys
