@@ -122,10 +122,10 @@ def test_a_reference_has_a_fingerprint_of_all_that_matters(reference):
     first, second = reference
     nudged = first.track.positions.copy()
     nudged[0, 0, 0] += 1e-9
-    table = Signals([0.0], ["left"], [[1.0]])
+    table, two = (Signals([0.0], ["left"], [[value]]) for value in (1.0, 2.0))
     changes = [
         {"name": "other"}, {"nominal_frequency": 0.5}, {"track": MarkerTrack(first.track.times, nudged)},
-        {"controls": table}, {"sensors": table}, {"start": {"hip": 0.0}}, {"start_velocities": {"hip": 0.0}},
+        {"controls": table}, {"controls": two}, {"sensors": table}, {"start": {"a": 0}}, {"start_velocities": {"a": 0}},
     ]  # fmt: skip
     others = [(second, first), (first,), *((replace(first, **change), second) for change in changes)]
     prints = {reference_fingerprint(TrialSet(tuple(trials))) for trials in [reference, *others]}
