@@ -84,6 +84,15 @@ def test_once_allowed_it_runs_until_it_changes(program, stranger, monkeypatch):
     program(*export, "--allow-code").done()
 
 
+def test_an_option_for_one_command_is_none_for_the_next(program, stranger, monkeypatch):
+    monkeypatch.chdir(stranger)
+    program("report", "run", "--allow-code")
+    assert (stranger / "ran").read_text() == "x"
+    (stranger / "code.py").write_text(CODE + "\n")
+    program("report", "run").sentence(2)
+    assert (stranger / "ran").read_text() == "x"
+
+
 @pytest.mark.parametrize(
     "words", ["init outside.xml --out new.toml", "check outside.toml", "view outside.xml --film v.mp4"]
 )

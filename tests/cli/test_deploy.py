@@ -219,6 +219,19 @@ def test_killed_the_watchdog_stops_the_motor(table):
         assert emulator.motor.watchdog_tripped
 
 
+@pytest.mark.slow
+def test_halted_and_continued_it_says_what_happened(table):
+    with swimming(table([3.0] * 1000)) as (emulator, program):
+        program.send_signal(signal.SIGSTOP)
+        time.sleep(0.5)
+        assert emulator.velocity() == 0
+        program.send_signal(signal.SIGCONT)
+        _, err = program.communicate(timeout=20)
+        assert program.returncode == 1
+        assert "the watchdog of motor 1 has stopped it" in err
+        assert emulator.velocity() == 0
+
+
 def test_an_error_in_the_middle_is_one_sentence_and_the_log_is_there(program, table, tmp_path):
     log = tmp_path / "log.csv"
     with FaultyEmulator(faults=[Fault("overheated", 60)]) as emulator:

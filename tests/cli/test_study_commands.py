@@ -98,3 +98,15 @@ def test_a_studied_run_gets_commands_a_chart_and_a_table_of_trials(program, pend
     assert begun.returncode == 1
     assert "trials; nothing is written" in err
     assert "What would be left" in out
+
+
+@pytest.mark.slow
+def test_the_pages_of_two_runs_are_written_and_said(program, pendulum_folder, tmp_path) -> None:
+    runs = [tmp_path / name for name in ("one", "two")]
+    for seed, run in enumerate(runs):
+        program(*words(pendulum_folder, run, "--seed", seed)).done()
+    for run in runs:
+        (run / "report.html").unlink()
+    program("report", *runs).done()
+    assert program.out.split() == [str(run / "report.html") for run in runs]
+    assert all((run / "report.html").is_file() for run in runs)
