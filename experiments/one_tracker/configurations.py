@@ -156,9 +156,8 @@ class Body:
         seen = beam.chosen[:, near] > 0
         stretch = np.linalg.norm(places[:, None] - beam.places[:, None, near], axis=3) - at.distances[marker, others]
         apart = np.minimum(stretch**2 / (2 * at.variances[marker, others]), TOLD)
-        apart = (apart * seen[:, None]).sum(axis=2) * np.minimum(1.0, WITNESSES / np.maximum(seen.sum(axis=1), 1))[
-            :, None
-        ]
+        weights = np.minimum(1.0, WITNESSES / np.maximum(seen.sum(axis=1), 1))
+        apart = (apart * seen[:, None]).sum(axis=2) * weights[:, None]
         foreseen, sigmas = self._shaped(beam.places, beam.chosen > 0, self.places[beam.ways[:, 0]], k)
         strange = ((places - foreseen[:, None]) ** 2).sum(axis=2) / (2 * sigmas[:, None] ** 2)
         known = (beam.chosen[:, :k] > 0) & (self.chosen[beam.ways[:, 0], :k] > 0)

@@ -40,7 +40,7 @@ REACH = 2.5  # standard deviations within which a marker is looked for
 
 
 class LinkedTracker:
-    """Follows markers on rigid or soft bodies, along a chain, or such that nothing connects. See `tracker.Tracker`.
+    """Follows markers on rigid or soft bodies, or such that nothing connects. See `tracker.Tracker`.
 
     Attributes:
         reasons: In how many frames each marker was lost or doubtful, by the reason. Shapes (M,).
@@ -143,10 +143,8 @@ class LinkedTracker:
         moves = _surprise(off, sigmas[:, :, None], wide[:, :, None])
         moves[:, :, 0] = np.where(np.arange(MOST + 1) == first[:, None], LOSING, MOST_SAID + LOSING)
         frame = Frame(places, costs, moves, off < (REACH * sigmas[:, :, None]) ** 2, radii)
-        last_steps = self._places + self._steps
-        unaided = _surprise(
-            ((places[:, None] - last_steps[:, :, None]) ** 2).sum(axis=3), blind[:, :, None], wide[:, :, None]
-        )
+        off = ((places[:, None] - (self._places + self._steps)[:, :, None]) ** 2).sum(axis=3)
+        unaided = _surprise(off, blind[:, :, None], wide[:, :, None])
         at = Candidates(places, costs, np.stack([moves, unaided]), self._distances, self._variances, radii)
         same = np.maximum(SAME[0], SAME[1] * radii)
         for body in self._bodies:

@@ -107,7 +107,7 @@ def demo(
     """Run the whole pipeline on an embedded example: no data, no network, no key.
 
     Tracks the markers of a 'real' fish with hidden parameters in the films that come with it, calibrates, evaluates on
-    a held-out trial, draws intervals in four rounds instead of eight, and writes the report.
+    a held-out trial, draws intervals in four rounds, and writes the report.
 
     Args:
         out: Folder to write.

@@ -50,11 +50,10 @@ def demo_settings(budget: int | None = None, seed: int = 2, workers: int | None 
     Raises:
         ArgumentError: A value is outside what is allowed.
     """
-    if budget is None:
-        settings = CalibrationSettings(budget=10, finish=True, minutes=_MINUTES)
-    else:
-        settings = CalibrationSettings(budget=budget)
-    return replace(settings, seed=seed, hold_out=(HELD_OUT,), threads=workers)
+    return CalibrationSettings(
+        budget=10 if budget is None else budget, finish=budget is None, minutes=_MINUTES if budget is None else None,
+        seed=seed, hold_out=(HELD_OUT,), threads=workers,
+    )  # fmt: skip
 
 
 def track(
