@@ -244,8 +244,9 @@ _made: list[_Loop] = []
 def compiled_loop() -> _Loop:
     """The compiled loop of `_run`, made once a process and kept on the disk.
 
-    The key of a kept function holds the source of that function alone. What it calls lives in other modules, so their
-    checksum is made a part of the key: a constant that the function closes over.
+    The kept file is named by the function, and read without a look at the modules that the function calls. So their
+    checksum becomes a part of the name: another version of one of them, or of a tuple that is passed, has a file of its
+    own.
 
     Raises:
         UnsupportedModelError: The installed numba can't compile it, when it is called.
@@ -253,18 +254,12 @@ def compiled_loop() -> _Loop:
     if not _made:
         folder = Path(__file__).parent
         stamp = zlib.crc32(b"".join((folder / f"{name}.py").read_bytes() for name in _SOURCES))
-
-        def loop(
-            program: Program, fleet: Fleet, which: Addresses, controls: Array, steps: int, place: Workplace, kept: Kept
-        ) -> None:
-            if stamp >= 0:
-                _run(program, fleet, which, controls, steps, place, kept)
-
+        _run.__qualname__ = f"run_{stamp:08x}"
         try:
-            kept_loop = numba.njit(nogil=True, cache=True)(loop)
+            kept_loop = numba.njit(nogil=True, error_model="numpy", cache=True)(_run)
         except RuntimeError as error:
             _log.info("the compiled step can't be kept on the disk: %s", error)
-            kept_loop = numba.njit(nogil=True)(loop)
+            kept_loop = compiled(_run)
         _log.info("compiling the fast step, or reading it from the disk")
 
         def guarded(*args: Any) -> None:
@@ -278,7 +273,6 @@ def compiled_loop() -> _Loop:
     return _made[0]
 
 
-@compiled
 def _run(
     program: Program, fleet: Fleet, which: Addresses, controls: Array, steps: int, place: Workplace, kept: Kept
 ) -> None:
