@@ -139,7 +139,7 @@ class Workplace(NamedTuple):
     scratch: Scratch
 
 
-class Kept(NamedTuple):
+class _Kept(NamedTuple):
     """Arrays that keep the state before each step of one simulation; else arrays of no rows.
 
     Attributes:
@@ -153,7 +153,7 @@ class Kept(NamedTuple):
     qvel: Array
 
 
-NOTHING_KEPT = Kept(np.empty((0, 0)), np.empty((0, 0)), np.empty((0, 0)))
+NOTHING_KEPT = _Kept(np.empty((0, 0)), np.empty((0, 0)), np.empty((0, 0)))
 
 
 class FastStep:
@@ -193,7 +193,7 @@ class FastStep:
             raise EngineError(f"the data has sizes {had}, its model {has}; make the data with mujoco.MjData(model)")
         rows = np.empty((1, steps, model.nu))
         rows[:] = control
-        kept = Kept(np.empty((steps, model.nsensordata)), np.empty((steps, model.nq)), np.empty((steps, model.nv)))
+        kept = _Kept(np.empty((steps, model.nsensordata)), np.empty((steps, model.nq)), np.empty((steps, model.nv)))
         one, nothing = np.zeros(1, np.int64), np.empty((1, 0))
         fleet = Fleet(np.array([addresses(data)]), one, np.zeros(1, np.int64), nothing, nothing, nothing)
         program = Program(self._calls, self.plan, self._members, self._sizes, True, False)
@@ -274,7 +274,7 @@ def compiled_loop() -> _Loop:
 
 
 def _run(
-    program: Program, fleet: Fleet, which: Addresses, controls: Array, steps: int, place: Workplace, kept: Kept
+    program: Program, fleet: Fleet, which: Addresses, controls: Array, steps: int, place: Workplace, kept: _Kept
 ) -> None:
     """Steps simulations on, one after the other, and reads each at its end.
 
