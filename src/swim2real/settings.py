@@ -436,8 +436,7 @@ class EnsembleSettings:
     def __post_init__(self) -> None:
         if not 1 < self.within <= 10:
             raise ArgumentError(f"within is {self.within:g}; it is a multiple of the lowest loss, above 1 and up to 10")
-        if self.count < 2:
-            raise ArgumentError(f"count is {self.count}; an ensemble has at least 2 members")
+        _least("count", self.count, 2)
 
 
 # the help of the command line lists the entries
