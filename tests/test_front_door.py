@@ -32,7 +32,7 @@ def test_importing_it_imports_nothing_else():
 def test_a_run_and_swims_from_settings_to_what_they_leave(tmp_path):
     reference = pendulum_reference(1e-3)
     settings = swim2real.CalibrationSettings(method="random", budget=3, threads=1)
-    outcome = swim2real.calibrate(reference, PENDULUM, settings, tmp_path / "run")
+    outcome = swim2real.calibrate(reference, PENDULUM, settings, tmp_path / "run", on_warning=None)
     assert isinstance(outcome, swim2real.Outcome)
     compared = swim2real.evaluate(PENDULUM.space.published, reference, PENDULUM)
     assert isinstance(compared, swim2real.Comparison)

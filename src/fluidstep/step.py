@@ -139,7 +139,7 @@ class Workplace(NamedTuple):
     scratch: Scratch
 
 
-class Kept(NamedTuple):
+class _Kept(NamedTuple):
     """Arrays that keep the state before each step of one simulation; else arrays of no rows.
 
     Attributes:
@@ -153,7 +153,7 @@ class Kept(NamedTuple):
     qvel: Array
 
 
-NOTHING_KEPT = Kept(np.empty((0, 0)), np.empty((0, 0)), np.empty((0, 0)))
+NOTHING_KEPT = _Kept(np.empty((0, 0)), np.empty((0, 0)), np.empty((0, 0)))
 
 
 class FastStep:
@@ -193,7 +193,7 @@ class FastStep:
             raise EngineError(f"the data has sizes {had}, its model {has}; make the data with mujoco.MjData(model)")
         rows = np.empty((1, steps, model.nu))
         rows[:] = control
-        kept = Kept(np.empty((steps, model.nsensordata)), np.empty((steps, model.nq)), np.empty((steps, model.nv)))
+        kept = _Kept(np.empty((steps, model.nsensordata)), np.empty((steps, model.nq)), np.empty((steps, model.nv)))
         one, nothing = np.zeros(1, np.int64), np.empty((1, 0))
         fleet = Fleet(np.array([addresses(data)]), one, np.zeros(1, np.int64), nothing, nothing, nothing)
         program = Program(self._calls, self.plan, self._members, self._sizes, True, False)
@@ -244,8 +244,9 @@ _made: list[_Loop] = []
 def compiled_loop() -> _Loop:
     """The compiled loop of `_run`, made once a process and kept on the disk.
 
-    The key of a kept function holds the source of that function alone. What it calls lives in other modules, so their
-    checksum is made a part of the key: a constant that the function closes over.
+    The kept file is named by the function, and read without a look at the modules that the function calls. So their
+    checksum becomes a part of the name: another version of one of them, or of a tuple that is passed, has a file of its
+    own.
 
     Raises:
         UnsupportedModelError: The installed numba can't compile it, when it is called.
@@ -253,18 +254,12 @@ def compiled_loop() -> _Loop:
     if not _made:
         folder = Path(__file__).parent
         stamp = zlib.crc32(b"".join((folder / f"{name}.py").read_bytes() for name in _SOURCES))
-
-        def loop(
-            program: Program, fleet: Fleet, which: Addresses, controls: Array, steps: int, place: Workplace, kept: Kept
-        ) -> None:
-            if stamp >= 0:
-                _run(program, fleet, which, controls, steps, place, kept)
-
+        _run.__qualname__ = f"run_{stamp:08x}"
         try:
-            kept_loop = numba.njit(nogil=True, cache=True)(loop)
+            kept_loop = numba.njit(nogil=True, error_model="numpy", cache=True)(_run)
         except RuntimeError as error:
             _log.info("the compiled step can't be kept on the disk: %s", error)
-            kept_loop = numba.njit(nogil=True)(loop)
+            kept_loop = compiled(_run)
         _log.info("compiling the fast step, or reading it from the disk")
 
         def guarded(*args: Any) -> None:
@@ -278,9 +273,8 @@ def compiled_loop() -> _Loop:
     return _made[0]
 
 
-@compiled
 def _run(
-    program: Program, fleet: Fleet, which: Addresses, controls: Array, steps: int, place: Workplace, kept: Kept
+    program: Program, fleet: Fleet, which: Addresses, controls: Array, steps: int, place: Workplace, kept: _Kept
 ) -> None:
     """Steps simulations on, one after the other, and reads each at its end.
 

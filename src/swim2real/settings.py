@@ -39,7 +39,8 @@ TRAIN_FREQ = 200  # transitions between two rounds of learning: the prior work's
 MOST_REPLAY = 1_000_000  # transitions kept, as Stable-Baselines3 does
 
 PHYSICS, FILES, REPLAY = "physics", "files", "replay:"
-# the providers of VLMs, each with the name of a model
+BUILT_IN = (PHYSICS,)  # advisors that aren't briefed
+# the providers of VLMs, each with the name of a model, which begins with that of its family
 EXAMPLE_MODELS = {
     "google": "google:gemini-3.1-pro-preview",
     "openai": "openai:gpt-5.2",
@@ -435,8 +436,7 @@ class EnsembleSettings:
     def __post_init__(self) -> None:
         if not 1 < self.within <= 10:
             raise ArgumentError(f"within is {self.within:g}; it is a multiple of the lowest loss, above 1 and up to 10")
-        if self.count < 2:
-            raise ArgumentError(f"count is {self.count}; an ensemble has at least 2 members")
+        _least("count", self.count, 2)
 
 
 # the help of the command line lists the entries
@@ -455,7 +455,7 @@ def check_advisor(name: str) -> None:
     Raises:
         ArgumentError: There is no advisor of this name.
     """
-    if name in (PHYSICS, FILES):
+    if name in (*BUILT_IN, FILES):
         return
     if name.startswith(REPLAY):
         if not name.removeprefix(REPLAY):
@@ -463,13 +463,13 @@ def check_advisor(name: str) -> None:
         return
     if ":" not in name:
         vlms = ", ".join(f"{provider}:MODEL" for provider in EXAMPLE_MODELS)
-        raise ArgumentError(f"advisor is {quoted(name)}; there are {PHYSICS}, {FILES}, {REPLAY}RUN, {vlms}")
+        raise ArgumentError(f"advisor is {quoted(name)}; there are {', '.join(BUILT_IN)}, {FILES}, {REPLAY}RUN, {vlms}")
     split_vlm_name(name)
 
 
 def asks_a_vlm(name: str) -> bool:
     """True if the advisor of this name is briefed: a VLM, or a person in its place."""
-    return name != PHYSICS and replayed_run(name) is None
+    return name not in BUILT_IN and replayed_run(name) is None
 
 
 def replayed_run(name: str) -> Path | None:
@@ -485,7 +485,7 @@ def split_vlm_name(name: str) -> tuple[str, str]:
     """
     provider, colon, model = (part.strip() for part in name.partition(":"))
     if provider not in EXAMPLE_MODELS:
-        families = {"gemini": "google", "gpt": "openai", "claude": "anthropic"}
+        families = {example.partition(":")[2].split("-")[0]: kind for kind, example in EXAMPLE_MODELS.items()}
         near = [kind for word, kind in families.items() if provider.lower().startswith(word)]
         near += difflib.get_close_matches(provider.lower(), EXAMPLE_MODELS, n=1)
         is_model = near and "-" in provider and families.get(provider.split("-")[0].lower()) == near[0]

@@ -18,7 +18,6 @@ import shutil
 import stat
 from collections.abc import Generator, Iterable, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 from zipfile import ZipFile
@@ -228,8 +227,7 @@ def read_bytes(path: str | Path, most: int) -> bytes:
         OSError: It can't be read, or is a device or a pipe.
         ValueError: It is too large; the message says how large.
     """
-    if not stat.S_ISREG(os.stat(path).st_mode) and not os.path.isdir(path):
-        raise OSError(errno.EINVAL, "it is a device, a pipe or a socket, not a file", str(path))
+    _refuse_device(path)
     with Path(path).open("rb") as file:
         size = os.fstat(file.fileno()).st_size
         if size > most:
@@ -238,6 +236,11 @@ def read_bytes(path: str | Path, most: int) -> bytes:
     if len(content) > most:  # it grew, or its size isn't known
         raise ValueError(f"it has more than {most / 1e6:g} MB; at most that is read")
     return content
+
+
+def _refuse_device(path: str | Path) -> None:
+    if not stat.S_ISREG(os.stat(path).st_mode) and not os.path.isdir(path):
+        raise OSError(errno.EINVAL, "it is a device, a pipe or a socket, not a file", str(path))
 
 
 def read_text(path: str | Path, most: int = MOST_TEXT, encoding: str = "utf-8") -> str:
@@ -281,14 +284,18 @@ def from_json(content: bytes | str) -> Any:
     text = content.decode() if isinstance(content, bytes) else content
     try:
         constants: list[str] = []
-        keep = partial(_keep_constant, constants)
+
+        def kept(name: str) -> float:
+            constants.append(name)
+            return float(name)
+
         found = json.loads(
-            text, parse_constant=keep, parse_float=_finite, parse_int=_whole, object_pairs_hook=named_once
+            text, parse_constant=kept, parse_float=_finite, parse_int=_whole, object_pairs_hook=named_once
         )
         if constants:
             raise ValueError(f"{_place_of_constant(found)} is {constants[0]}; it must be finite")
         if "\\u" in text:
-            _check_texts(found)
+            _check_values(found)
     except RecursionError:
         raise ValueError("it is nested too deeply") from None
     return found
@@ -319,25 +326,15 @@ def _check_values(content: Any) -> None:
     elif isinstance(content, list):
         for value in cast("list[Any]", content):
             _check_values(value)
-    elif isinstance(content, str) and "\0" in content:
-        raise ValueError("a text in it holds a NUL")
+    elif isinstance(content, str):
+        if "\0" in content:
+            raise ValueError("a text in it holds a NUL")
+        try:
+            content.encode()
+        except UnicodeEncodeError:
+            raise ValueError("a text in it holds half a character, a surrogate by itself") from None
     elif isinstance(content, int) and abs(content) >= 10**_MOST_DIGITS:
         raise ValueError(f"a number in it has more than {_MOST_DIGITS} digits")
-
-
-def _check_texts(content: Any) -> None:
-    told = json.dumps(content, ensure_ascii=False)
-    if "\\u0000" in told.replace("\\\\", ""):  # not the six characters of the escape themselves
-        raise ValueError("a text in it holds a NUL")
-    try:
-        told.encode()
-    except UnicodeEncodeError:
-        raise ValueError("a text in it holds half a character, a surrogate by itself") from None
-
-
-def _keep_constant(constants: list[str], name: str) -> float:
-    constants.append(name)
-    return float(name)
 
 
 def _place_of_constant(content: Any) -> str:
@@ -397,8 +394,7 @@ def read_arrays(path: str | Path, most: int = MOST_ARRAYS) -> dict[str, NDArray[
     """
     import numpy as np
 
-    if not stat.S_ISREG(os.stat(path).st_mode) and not os.path.isdir(path):
-        raise OSError(errno.EINVAL, "it is a device, a pipe or a socket, not a file", str(path))
+    _refuse_device(path)
     with Path(path).open("rb") as file:
         try:
             with ZipFile(file) as archive:

@@ -23,7 +23,7 @@ SECOND = 1 / 60  # min
 
 def search(reference, out, resume=False, most=None, **settings):
     """A run, interrupted after so many evaluations."""
-    chosen = CalibrationSettings(protocol="aligned", **settings)
+    chosen = CalibrationSettings(protocol="aligned", **{"threads": 1, **settings})
 
     def stop(progress):
         if most is not None and progress.done >= most:
@@ -42,7 +42,7 @@ def test_a_run_with_a_budget_is_finished_and_a_search_that_was_cut_off_goes_on(r
     begun = points(tmp_path / "run")
     assert search(reference, tmp_path / "run", resume=True, minutes=SECOND).ending == "minutes"
     first = points(tmp_path / "run")
-    assert search(reference, tmp_path / "run", resume=True, minutes=SECOND, threads=1).ending == "minutes"
+    assert search(reference, tmp_path / "run", resume=True, minutes=SECOND, threads=2).ending == "minutes"
     both = points(tmp_path / "run")
     assert both[: len(first)] == first
     assert first[:4] == begun
@@ -90,21 +90,28 @@ def test_fast_motion_is_no_noise():
     assert marker_noise([track]) == pytest.approx(0.5e-3 * 2**0.5, rel=0.1)
 
 
-def test_what_a_search_knows_is_said(reference, tmp_path):
-    outcome = search(reference, tmp_path / "run", minutes=SECOND)
-    run = RunFolder(tmp_path / "run")
+@pytest.fixture(scope="module")
+def cut_off(reference, tmp_path_factory):
+    """A search of a second and its outcome. Don't write into its folder."""
+    out = tmp_path_factory.mktemp("cut off") / "run"
+    return out, search(reference, out, minutes=SECOND)
+
+
+def test_what_a_search_knows_is_said(reference, cut_off):
+    out, outcome = cut_off
+    run = RunFolder(out)
     said = standing(run.record(), run.settings(), outcome, small_run.ROBOT.space)
     assert says(said[0], f"cut off after {len(run.record())} evaluations", "--resume goes on")
-    *_, scale = standing_of(read_run(tmp_path / "run", small_run.ROBOT))
+    *_, scale = standing_of(read_run(out, small_run.ROBOT))
     assert says(scale, "times the noise of the data")
     assert marker_noise([trial.track for trial in reference]) == pytest.approx(0.5e-3 * 2**0.5, rel=0.1)
     assert marker_noise([]) is None
-    assert "The search was cut off after" in write_report(tmp_path / "run", small_run.ROBOT).read_text()
+    assert "The search was cut off after" in write_report(out, small_run.ROBOT).read_text()
     done = outcome.model_copy(update={"ending": "done"})
     assert standing(run.record(), run.settings(), done, small_run.ROBOT.space)[0].startswith("the search is done after")
 
 
-def test_what_ends_a_search_is_either_a_budget_or_minutes(reference, tmp_path):
+def test_what_ends_a_search_is_either_a_budget_or_minutes(reference, cut_off):
     assert CalibrationSettings().chosen_method == "multi-start"
     assert (CalibrationSettings(budget=5).method, CalibrationSettings(method="cma-es").budget) == ("line-search", 40)
     assert CalibrationSettings(advisor="files").budget == 40
@@ -119,7 +126,6 @@ def test_what_ends_a_search_is_either_a_budget_or_minutes(reference, tmp_path):
     assert CalibrationSettings(advisor="files", finish=True, minutes=2).budget == 40
     with pytest.raises(ArgumentError, match="minutes is 0 min; it must be finite and above 0"):
         CalibrationSettings(minutes=0)
-    search(reference, tmp_path / "run", minutes=SECOND / 2)
     with pytest.raises(RunError, match=r"method was .multi-start. and is now .line-search."):
-        search(reference, tmp_path / "run", resume=True, budget=50)
-    assert json.loads((tmp_path / "run" / "settings.json").read_text())["budget"] is None
+        search(reference, cut_off[0], resume=True, budget=50)
+    assert json.loads((cut_off[0] / "settings.json").read_text())["budget"] is None

@@ -1,5 +1,6 @@
 """References that aren't what they are taken for are named as what they are, and sound ones aren't."""
 
+import functools
 from dataclasses import replace
 
 import numpy as np
@@ -76,26 +77,25 @@ def exchanged(kind):
     return lambda trial: replace(trial, **{kind: torque_table(2.0, 1 - "ab".index(trial.name))})
 
 
-@pytest.fixture(scope="module")
-def sound():
-    arm, finger, snake = (code_of(name) for name in ("arm", "finger", "snake"))
+def filmed(name):
+    code = code_of(name)
+    return code.ROBOT, code.record() if name == "arm" else code.LAB.record(code.takes())
+
+
+@functools.cache
+def sound(name):
+    """A robot and a reference without a mistake."""
     resting = [blank(PENDULUM, name, 2.0, controls=torque_table(2.0, k)) for k, name in enumerate("ab")]
-    return {
-        "pendulum": (ENCODED, recorded(ENCODED, PENDULUM_HIDDEN, resting, 3e-4)),
-        "moving": (telling(PENDULUM, start="fitted"), pendulum_reference(1e-3)),
-        "floater": (telling(FLOATER, start="fitted"), floater_reference(3e-4)),
-        "ringing": (RINGING, ringing_reference(100.0, 3e-4)),
-        "arm": (arm.ROBOT, arm.record()),
-        "finger": (finger.ROBOT, finger.LAB.record(finger.takes())),
-        "snake": (snake.ROBOT, snake.LAB.record(snake.takes())),
+    made = {
+        "pendulum": lambda: (ENCODED, recorded(ENCODED, PENDULUM_HIDDEN, resting, 3e-4)),
+        "moving": lambda: (telling(PENDULUM, start="fitted"), pendulum_reference(1e-3)),
+        "floater": lambda: (telling(FLOATER, start="fitted"), floater_reference(3e-4)),
+        "ringing": lambda: (RINGING, ringing_reference(100.0, 3e-4)),
     }
+    return made[name]() if name in made else filmed(name)
 
 
-QUICK = (
-    "that looks like millimeters; tracks are in meters",
-    "look like degrees in place of radians: say NAME=COLUMN:UNIT",
-    "pendulum", "floater",
-)  # fmt: skip
+QUICK = ("that looks like millimeters; tracks are in meters", "pendulum", "floater")
 
 
 def of_each(*cases):
@@ -106,11 +106,11 @@ def of_each(*cases):
 @pytest.mark.parametrize(
     "name", of_each(*[(name,) for name in ("pendulum", "moving", "floater", "ringing", "arm", "finger", "snake")])
 )
-def test_the_motion_of_a_sound_reference_is_explained(sound, name):
-    verdict = judged(*sound[name])
+def test_the_motion_of_a_sound_reference_is_explained(name):
+    verdict = judged(*sound(name))
     assert verdict.doubts == ()
     if name != "ringing":  # of many swings a short search finds no way down
-        assert "All trials fit" in verdict.summary(sound[name][1].names)
+        assert "All trials fit" in verdict.summary(sound(name)[1].names)
 
 
 @pytest.mark.parametrize(
@@ -154,33 +154,33 @@ def test_the_motion_of_a_sound_reference_is_explained(sound, name):
         ("pendulum", late("sensors", 0.2), "its readings seem 0.20 s late, or its commands as early"),
     ),
 )
-def test_a_mistake_is_named(sound, name, change, said):
-    robot, trials = sound[name]
+def test_a_mistake_is_named(name, change, said):
+    robot, trials = sound(name)
     found = judged(robot, changed(trials, change)).doubts
     assert any(said in sentence for sentence in found), found
 
 
 @pytest.mark.slow
-def test_one_trial_of_several_is_named_and_other_natural_frequencies_are_no_clock(sound):
-    robot, trials = sound["finger"]
+def test_one_trial_of_several_is_named_and_other_natural_frequencies_are_no_clock():
+    robot, trials = sound("finger")
     mixed = replace(trials, trials=(*trials.trials[:2], swapped(2, 3)(trials.trials[2])))
     (found,) = judged(robot, mixed).doubts
     assert found.startswith("trial 'ramp': markers prox1 and prox2 look swapped")
-    robot, trials = sound["ringing"]
+    robot, trials = sound("ringing")
     assert judged(robot, changed(trials, clocked(1.2))).doubts == ()
 
 
-def test_encoders_without_readings_tell_nothing_and_a_place_of_no_importance_is_none(sound):
-    trials = changed(sound["floater"][1], placed(lambda p: p + np.array([0.5, 0.2])))
+def test_encoders_without_readings_tell_nothing_and_a_place_of_no_importance_is_none():
+    trials = changed(sound("floater")[1], placed(lambda p: p + np.array([0.5, 0.2])))
     slow, _ = starts(telling(FLOATER, start="rest"), trials).values()
     assert np.abs(slow[0]).max() < 2e-3
-    robot, trials = sound["pendulum"]
+    robot, trials = sound("pendulum")
     assert judged(robot, changed(trials, lambda trial: replace(trial, sensors=None))).doubts == ()
 
 
 @pytest.mark.slow
-def test_few_markers_and_frames_without_any_are_judged_as_far_as_they_tell(sound):
-    robot, trials = sound["finger"]
+def test_few_markers_and_frames_without_any_are_judged_as_far_as_they_tell():
+    robot, trials = sound("finger")
 
     def late(positions):
         moved = positions + np.array([0.56, 0.0])

@@ -1,13 +1,21 @@
 """The fast step against the engine's own: same numbers, for the fish and for anything else that it claims to step."""
 
 import logging
+import os
+import re
+import shutil
+import subprocess
+import sys
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from pathlib import Path
 
 import mujoco
 import numpy as np
 import pytest
 
+import fluidstep
+import swimbase
 from fluidstep import FastStep, UnsupportedModelError, disagreement
 from fluidstep.plan import ABC, DRAG_SLENDER, INERTIA, LIFT, MAGNUS, MASS, SPIN
 from refused import refusal, says
@@ -258,3 +266,23 @@ def test_each_step_may_have_its_own_control():
         engine.ctrl[:] = row
         mujoco.mj_step(model, engine)
     np.testing.assert_allclose(ours.qvel, engine.qvel, atol=1e-8)
+
+
+SMALL = """<mujoco><option integrator="implicit" density="1000"/><worldbody><body><joint/><geom size=".1"/></body>
+</worldbody></mujoco>"""
+ELSEWHERE = {name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "NUMBA_CACHE_DIR")}
+
+
+@pytest.mark.slow
+def test_what_another_version_has_kept_on_the_disk_is_left_alone(tmp_path):
+    """A kept function is read with the tuples that it takes, which another version may name otherwise."""
+    for package in (fluidstep, swimbase):
+        shutil.copytree(Path(package.__file__).parent, tmp_path / package.__name__)
+    code = f"import fluidstep, mujoco; m = mujoco.MjModel.from_xml_string({SMALL!r}); "
+    code += "print(fluidstep.disagreement(fluidstep.FastStep(m)))"
+    for _ in range(2):
+        done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, env=ELSEWHERE, capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr
+        assert float(done.stdout) < TOLERANCE
+        for place in (tmp_path / "fluidstep").glob("*.py"):
+            place.write_text(re.sub(r"\bProgram\b", "Programme", place.read_text()))

@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from markertrack.track import MarkerTrack
 from pools import LOGARITHMIC, NAMES
 from refused import refusal, says
 from run_settings import record_of as record
+from swim2real import pipeline
 from swim2real.advisor import PhysicsAdvisor
 from swim2real.api import compare
 from swim2real.calibration import Problem, RunFolder
@@ -24,12 +26,13 @@ from swim2real.optimizers import (
     first_point,
 )
 from swim2real.optimizers.callback import CallbackSolver
-from swim2real.pipeline import calibrate, make_optimizer
+from swim2real.pipeline import make_optimizer
 from swim2real.robots.fish import FISH
 from swim2real.settings import CalibrationSettings, ComparisonSettings
 from swim2real.trials import Trial, TrialSet
 from swimbase.errors import ArgumentError, RunError, TrialError
 
+calibrate = partial(pipeline.calibrate, on_warning=None)
 PHYSICS = PhysicsAdvisor(FISH, LOGARITHMIC, 0)
 
 KINDS = {

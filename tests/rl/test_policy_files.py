@@ -12,6 +12,7 @@ import pytest
 
 pytest.importorskip("torch")
 
+from mutations import bytes_changed
 from swim2real.rl.actor import Actor, Linear
 from swim2real.rl.environment import make_environments
 from swim2real.rl.rollout import load_policy
@@ -112,23 +113,6 @@ except MissingExtraError as error:
     assert "training needs torch; install it with: pip install 'swim2real[rl]'" in done.stdout
 
 
-def mutated(content, rng):
-    """Content with some bytes changed, left out or doubled."""
-    content = bytearray(content)
-    for _ in range(rng.randint(1, 4)):
-        at, size = rng.randrange(len(content)), rng.randint(1, 40)
-        match rng.randrange(4):
-            case 0:
-                content[at] = rng.randrange(256)
-            case 1:
-                content[at] ^= 1 << rng.randrange(8)
-            case 2:
-                del content[at : at + size]
-            case 3:
-                content[at:at] = content[at : at + size]
-    return bytes(content)
-
-
 @pytest.mark.parametrize("count", [100, pytest.param(5000, marks=pytest.mark.slow)])
 def test_any_damage_of_a_policy_is_a_sentence(folder, count):
     path, rng = folder / "best.npz", random.Random(count)
@@ -137,7 +121,7 @@ def test_any_damage_of_a_policy_is_a_sentence(folder, count):
         np.savez(path, **stored)
     contents, refused = (compressed, path.read_bytes()), 0
     for i in range(count):
-        path.write_bytes(mutated(contents[i % 2], rng))
+        path.write_bytes(bytes_changed(contents[i % 2], rng))
         try:
             load_policy(TrainingRun.open(folder))
         except RunError as error:

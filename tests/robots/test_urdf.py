@@ -3,8 +3,6 @@
 import mujoco
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from refused import refusal, says
 from swim2real.pipeline.drafting import from_urdf
@@ -42,10 +40,9 @@ def converted(folder, text, mesh="hull.obj", packages=None):
     return found, read_mjcf(folder / "fish.xml").compile()
 
 
-@settings(max_examples=10, deadline=None)
-@given(masses=st.tuples(st.floats(0.01, 5), st.floats(0.01, 5)))
-def test_base_massless_link_and_meshes_are_kept_and_a_free_joint_fits(tmp_path_factory, masses):
-    found, model = converted(tmp_path_factory.mktemp("urdf"), urdf("hull.obj", masses=masses))
+@pytest.mark.parametrize("masses", [(0.01, 5.0), (3.3, 0.02)])
+def test_base_massless_link_and_meshes_are_kept_and_a_free_joint_fits(tmp_path, masses):
+    found, model = converted(tmp_path, urdf("hull.obj", masses=masses))
     assert (found.bodies, found.joints) == (("base", "tail", "imu"), ("beat",))
     np.testing.assert_allclose(model.body_mass[1:], [*masses, 0.0], rtol=1e-5)
     assert (model.nmesh, model.ngeom, model.nv) == (1, 2, 7)

@@ -86,17 +86,14 @@ HEADLESS = "\n".join([",".join(map(str, [*row[:2], *row[:2], *row[4:]])) for row
 @pytest.mark.parametrize(("text", "parts"), [
     ("", ("the table is empty",)), ("\n\n", ("the table is empty",)),
     ("1,2,3\n4,5,6\n", ("3 columns", "18 numbers per row")),
-    ("1,2,3\n4,5\n", ("line 2", "2 columns", "3")),
-    ("1,2\n3,4\n5,oops\n", ("line 3, column 2", "'oops'")),
     ("frame,x\n3,4\n", ("line 1", "'frame'", "import-recording", "import-tracks")),
-    (b"\x89PNG\r\n\x1a\n\xff\xfe\x00", ("not readable as text",)),
     (",".join(map(str, pixels(1)[0])), ("one frame", "at least 2")),
     (STILL, ("no marker moves",)),
     (HEADLESS, ("first two markers", "no scale")),
 ])  # fmt: skip
 def test_tables_that_are_no_tracks_are_refused(tmp_path, text, parts):
     table = tmp_path / "swim.csv"
-    table.write_bytes(text if isinstance(text, bytes) else text.encode())
+    table.write_text(text)
     for said in (refused(read_published, table), refused(load_reference, tmp_path)):
         assert says(said, "swim.csv", *parts)
 
@@ -297,8 +294,6 @@ HEADER = ("line 1", "time_s,P0_x_m,P0_y_m,P0_confidence", "28 columns")
     (lambda x: x[1:], HEADER),
     (lambda x: with_cell(x, 1, 2, "x"), HEADER),
     (lambda x: with_cell(x, 7, 5, "abc"), ("line 7, column 5", "'abc'")),
-    (lambda x: [*x, "1,2,3"], ("line 33", "3 columns", "28")),
-    (lambda x: x[:1], ("the table is empty",)),
     (lambda x: x[:2], ("one frame", "at least 2")),
     (lambda x: with_cell(x, 9, 1, "0"), ("finite and rise",)),
     (lambda x: with_cell(x, 9, 1, ""), ("finite and rise",)),

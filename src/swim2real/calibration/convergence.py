@@ -26,6 +26,11 @@ _PARTS = {"shape_error": "shape", "recoil_error": "recoil", "progress_error": "w
 _SPREAD = ("first point", "start", "initial")  # sources of points that no search has proposed
 
 
+def incumbent(entries: Sequence[RecordedEvaluation]) -> RecordedEvaluation | None:
+    """The entry with the lowest loss of those that didn't fail, the earliest of equals; None when all failed."""
+    return min((entry for entry in entries if not entry.failed), key=lambda entry: entry.loss, default=None)
+
+
 def best_losses(entries: Sequence[RecordedEvaluation]) -> list[float]:
     """Loss of the incumbent after each evaluation [m]; that of a failure as long as all failed."""
     losses: list[float] = []
@@ -73,7 +78,7 @@ def never_beaten(entries: Sequence[RecordedEvaluation], settings: CalibrationSet
     budget = settings.budget
     if budget is None or settings.method == "random" or budget < _FEW or len(entries) < budget:
         return None
-    best = min((entry for entry in entries if not entry.failed), key=lambda entry: entry.loss, default=None)
+    best = incumbent(entries)
     if best is None or best.note.source not in _SPREAD:
         return None
     return (
@@ -125,7 +130,7 @@ def standing(
         space: Parameters, on the run's scale.
         sensors: Sensors that are compared.
     """
-    best = min((entry for entry in entries if not entry.failed), key=lambda entry: entry.loss, default=None)
+    best = incumbent(entries)
     if best is None or (settings.budget is not None and not settings.finish):
         return ()
     done, ends = _done(entries, outcome), ends_of(entries, outcome)

@@ -15,6 +15,7 @@ from pydantic import Field, TypeAdapter
 
 from swim2real.advisor.vlm.transcript import Totals, Transcript, totals
 from swim2real.calibration import RunFolder
+from swim2real.calibration.convergence import incumbent
 from swim2real.calibration.file_models import RecordedEvaluation
 from swim2real.comparison.plan import KEPT, PROBLEM, RUNS, Job, Plan, read_plan
 from swim2real.objective.figures import FitFigures, figure_values
@@ -251,7 +252,7 @@ def _read_run(job: Job) -> RunResult:
     record, outcome = folder.record(), folder.outcome()
     if outcome is None:
         raise RunError(f"run '{job.folder}' has no outcome; run the comparison again")
-    best = min((entry for entry in record if not entry.failed), key=lambda e: e.loss, default=record[0])
+    best = incumbent(record) or record[0]
     spent = totals(Transcript(job.folder).calls) if asks_a_vlm(job.settings.advisor) else None
     return RunResult(
         method=job.method,

@@ -9,13 +9,13 @@ from pathlib import Path
 import numpy as np
 
 from swim2real.calibration import SavedTrial
-from swim2real.calibration.convergence import best_losses
+from swim2real.calibration.convergence import best_losses, incumbent
 from swim2real.report.determined import Determined, determined
 from swim2real.report.errors import ErrorRow, MarkerErrors, error_rows, marker_errors, standing, warnings
 from swim2real.report.film import Film, films
 from swim2real.report.pages import Charts, PageContext, write_page
 from swim2real.report.rounds import AdvisorRound, CallSection, advisor_rounds, call_section
-from swim2real.report.run import ReportedRun, incumbent, read_run
+from swim2real.report.run import ReportedRun, read_run
 from swim2real.report.run_charts import by_marker, convergence, drawn_trials, speeds, trial_charts
 from swim2real.report.tables import ParameterRow, TrialTable, parameter_rows, settings_rows, trial_table
 from swim2real.robots.robot import Robot

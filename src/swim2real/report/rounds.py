@@ -17,10 +17,11 @@ import numpy as np
 
 from swim2real.advisor.vlm.providers import same_model
 from swim2real.advisor.vlm.transcript import CALLS, Call, ShownMedia, totals
+from swim2real.calibration.convergence import incumbent
 from swim2real.calibration.file_models import Proposal, RecordedEvaluation
 from swim2real.formatting import count, dollars, duration, listed, shortened, significant
 from swim2real.parameters import ParameterSpace
-from swim2real.report.run import RecordedCalls, ReportedRun, calls_of, incumbent
+from swim2real.report.run import RecordedCalls, ReportedRun, calls_of
 
 _MOST_PICTURES = 1_200_000  # bytes on one page; as text they are a third more
 _SHOWN_APART = (

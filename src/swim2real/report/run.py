@@ -9,7 +9,7 @@ from pathlib import Path
 
 from swim2real.advisor.vlm.transcript import CALLS, Call, Transcript
 from swim2real.calibration import Outcome, RunFolder, RunSettings, SavedTrial, load_trials
-from swim2real.calibration.convergence import never_beaten, standing, still_falling
+from swim2real.calibration.convergence import incumbent, never_beaten, standing, still_falling
 from swim2real.calibration.file_models import RecordedEvaluation, TrialSummary
 from swim2real.calibration.from_rest import backward_from_rest
 from swim2real.calibration.run_folder import TRIALS
@@ -227,11 +227,6 @@ def read_run(path: str | Path, robot: Robot) -> ReportedRun:
         study=study,
         study_problem=study_problem,
     )
-
-
-def incumbent(entries: Sequence[RecordedEvaluation]) -> RecordedEvaluation | None:
-    """The entry with the lowest loss of those that didn't fail, the earliest of equals; None when all failed."""
-    return min((entry for entry in entries if not entry.failed), key=lambda entry: entry.loss, default=None)
 
 
 def calls_of(entry: RecordedEvaluation) -> list[int]:

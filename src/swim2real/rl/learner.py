@@ -309,6 +309,28 @@ class _Checkpoint:
         """True if a run can go on from it; older checkpoints lose their replay buffer."""
         return all((self.folder / name).is_file() for name in (_NETWORKS, _REPLAY, _EPISODES, _STATE))
 
+    def load(self, learner: Learner) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
+        """Loads a learner, and returns what else was kept: arrays of the running episodes, and the state.
+
+        Where it is damaged or of other settings, this raises errors of many types, as `errors` names them.
+        """
+        learner.load(self.folder)
+        state = read_json(self.folder / _STATE)
+        if state["step"] != self.step:
+            raise ValueError(f"its {_STATE} is of step {state['step']}")
+        return read_arrays(self.folder / _EPISODES), state
+
+    @contextmanager
+    def errors(self) -> Generator[None]:
+        """Raises the errors that a damaged or foreign checkpoint causes as a `RunError`."""
+        try:
+            yield
+        except _DAMAGED as error:
+            raise RunError(
+                f"checkpoint '{self.folder}' is damaged: {type(error).__name__}, {shown(str(error))}; remove it "
+                f"to go on from an older one, or begin a new run"
+            ) from error
+
 
 def list_checkpoints(run: Path) -> list[_Checkpoint]:
     """Checkpoints of a run, oldest first."""
@@ -342,31 +364,3 @@ def remove_older_replay_buffers(run: Path, step: int) -> None:
     for checkpoint in list_checkpoints(run):
         if checkpoint.step < step:
             (checkpoint.folder / _REPLAY).unlink(missing_ok=True)
-
-
-@contextmanager
-def checkpoint_errors(checkpoint: _Checkpoint) -> Generator[None]:
-    """Raises the errors that a damaged or foreign checkpoint causes as a `RunError`."""
-    try:
-        yield
-    except _DAMAGED as error:
-        raise RunError(
-            f"checkpoint '{checkpoint.folder}' is damaged: {type(error).__name__}, {shown(str(error))}; remove it "
-            f"to go on from an older one, or begin a new run"
-        ) from error
-
-
-def load_checkpoint(checkpoint: _Checkpoint, learner: Learner) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
-    """Loads a learner, and returns what else was kept: arrays of the running episodes, and the state.
-
-    Args:
-        checkpoint: The checkpoint.
-        learner: Learner that takes over what it holds.
-
-    Where it is damaged or of other settings, this raises errors of many types, as `checkpoint_errors` names them.
-    """
-    learner.load(checkpoint.folder)
-    state = read_json(checkpoint.folder / _STATE)
-    if state["step"] != checkpoint.step:
-        raise ValueError(f"its {_STATE} is of step {state['step']}")
-    return read_arrays(checkpoint.folder / _EPISODES), state

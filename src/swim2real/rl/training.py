@@ -170,8 +170,8 @@ class Trainer:
             files.check_same_settings(self.out, content)
             whole = [checkpoint for checkpoint in learner.list_checkpoints(self.out) if checkpoint.resumable]
             if whole:
-                with learner.checkpoint_errors(whole[-1]):
-                    self._restore(*learner.load_checkpoint(whole[-1], self.learner))
+                with whole[-1].errors():
+                    self._restore(*whole[-1].load(self.learner))
                 learner.remove_older_replay_buffers(self.out, self.step)
             else:
                 _log.info("'%s' has no checkpoint yet; it is begun anew", self.out)

@@ -8,7 +8,7 @@ import re
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from importlib.util import find_spec
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 from swim2real.advisor.vlm.exchange import Request
 from swimbase.errors import ArgumentError, MissingExtraError
@@ -18,10 +18,7 @@ if TYPE_CHECKING:
     from pydantic_ai.messages import ModelResponse
     from pydantic_ai.models import Model
 
-Name = Literal["google", "openai", "anthropic"]
-
 PLACEHOLDER = "no-key"  # what a server without keys is sent, since the libraries insist on one
-_KEY_VARIABLES = ("GOOGLE_API_KEY", "GEMINI_API_KEY", "OPENAI_API_KEY", "ANTHROPIC_API_KEY", "ANTHROPIC_AUTH_TOKEN")
 _SHORTEST_KEY = 8  # characters; what is shorter is a placeholder such as EMPTY, and may be a word of a reply
 _MOST_ANSWER = 4_000_000  # bytes of a server's answer, unpacked; a reply has some thousand
 _LOUD = ("httpx", "httpx2", "httpcore", "httpcore2", "openai", "anthropic", "google_genai", "google", "pydantic_ai")
@@ -36,23 +33,62 @@ class Provider:
         address: Base URL of its service.
         key_variables: Environment variables that may hold its key; the first that is set counts.
         takes_video: Whether its models can be shown films; all take pictures.
+        open: Opens a model: its own name, the base URL of another server or None, the key, and the connections to use.
     """
 
-    name: Name
+    name: str
     address: str
     key_variables: tuple[str, ...]
     takes_video: bool
+    open: Callable[[str, str | None, str, httpx2.AsyncClient], Model[Any]]
+
+
+def _google(model: str, base_url: str | None, key: str, http: httpx2.AsyncClient) -> Model[Any]:
+    from pydantic_ai.models.google import GoogleModel
+    from pydantic_ai.providers.google import GoogleProvider
+
+    address = base_url or PROVIDERS["google"].address
+    return GoogleModel(model, provider=GoogleProvider(api_key=key, base_url=address, http_client=http))
+
+
+def _openai(model: str, base_url: str | None, key: str, http: httpx2.AsyncClient) -> Model[Any]:
+    from pydantic_ai.models.openai import OpenAIChatModel
+    from pydantic_ai.profiles.openai import OpenAIModelProfile
+    from pydantic_ai.providers.openai import OpenAIProvider
+    from pydantic_ai.providers.openai_compatible import OpenAICompatibleProvider
+
+    # without its schema a request has no response_format at all: some servers refuse every kind of it
+    profile = OpenAIModelProfile(supports_json_object_output=False)
+    if base_url is None:
+        own = OpenAIProvider(base_url=PROVIDERS["openai"].address, api_key=key, http_client=http)
+        return OpenAIChatModel(model, provider=own, profile=profile)
+    profile["openai_chat_supports_max_completion_tokens"] = False  # `max_tokens` is what all servers know
+    profile["openai_chat_supports_multiple_system_messages"] = False  # many chat templates take one
+    server = OpenAICompatibleProvider("server", base_url=base_url, api_key=key, http_client=http)
+    return OpenAIChatModel(model, provider=server, profile=profile)
+
+
+def _anthropic(model: str, base_url: str | None, key: str, http: httpx2.AsyncClient) -> Model[Any]:
+    from pydantic_ai.models.anthropic import AnthropicModel
+    from pydantic_ai.providers.anthropic import AnthropicProvider
+
+    address = base_url or PROVIDERS["anthropic"].address
+    return AnthropicModel(model, provider=AnthropicProvider(api_key=key, base_url=address, http_client=http))
 
 
 # The addresses are given to the libraries, which else would take them from variables such as OPENAI_BASE_URL.
 PROVIDERS: dict[str, Provider] = {
     provider.name: provider
     for provider in (
-        Provider("google", "https://generativelanguage.googleapis.com", ("GOOGLE_API_KEY", "GEMINI_API_KEY"), True),
-        Provider("openai", "https://api.openai.com/v1", ("OPENAI_API_KEY",), False),
-        Provider("anthropic", "https://api.anthropic.com", ("ANTHROPIC_API_KEY",), False),
+        Provider(
+            "google", "https://generativelanguage.googleapis.com", ("GOOGLE_API_KEY", "GEMINI_API_KEY"), True, _google
+        ),
+        Provider("openai", "https://api.openai.com/v1", ("OPENAI_API_KEY",), False, _openai),
+        Provider("anthropic", "https://api.anthropic.com", ("ANTHROPIC_API_KEY",), False, _anthropic),
     )
-}
+}  # fmt: skip
+# what a library may send unasked counts as a key as well
+_KEY_VARIABLES = (*(name for one in PROVIDERS.values() for name in one.key_variables), "ANTHROPIC_AUTH_TOKEN")
 
 
 def check_installed() -> None:
@@ -181,7 +217,7 @@ async def send(
         "anthropic_cache_instructions": True,
     }
     async with httpx2.AsyncClient(timeout=limits, follow_redirects=False, event_hooks=hooks) as http:
-        pydantic_model = _open(provider, model, base_url, key, http)
+        pydantic_model = provider.open(model, base_url, key, http)
         _quiet_libraries()  # now that they are imported: some set their own levels then
         native = with_schema and pydantic_model.profile.get("supports_json_schema_output", False)
         response = await model_request(
@@ -194,40 +230,6 @@ async def send(
             ),
         )
     return response, named[0] if named else None, native
-
-
-def _open(provider: Provider, model: str, base_url: str | None, key: str, http: httpx2.AsyncClient) -> Model[Any]:
-    address = base_url or provider.address
-    match provider.name:
-        case "google":
-            from pydantic_ai.models.google import GoogleModel
-            from pydantic_ai.providers.google import GoogleProvider
-
-            return GoogleModel(model, provider=GoogleProvider(api_key=key, base_url=address, http_client=http))
-        case "openai":
-            from pydantic_ai.models.openai import OpenAIChatModel
-            from pydantic_ai.profiles.openai import OpenAIModelProfile
-            from pydantic_ai.providers.openai import OpenAIProvider
-            from pydantic_ai.providers.openai_compatible import OpenAICompatibleProvider
-
-            # without its schema a request has no response_format at all: some servers refuse every kind of it
-            profile = OpenAIModelProfile(supports_json_object_output=False)
-            if base_url is None:
-                return OpenAIChatModel(
-                    model, provider=OpenAIProvider(base_url=address, api_key=key, http_client=http), profile=profile
-                )
-            profile["openai_chat_supports_max_completion_tokens"] = False  # `max_tokens` is what all servers know
-            profile["openai_chat_supports_multiple_system_messages"] = False  # many chat templates take one
-            return OpenAIChatModel(
-                model,
-                provider=OpenAICompatibleProvider("server", base_url=address, api_key=key, http_client=http),
-                profile=profile,
-            )
-        case "anthropic":
-            from pydantic_ai.models.anthropic import AnthropicModel
-            from pydantic_ai.providers.anthropic import AnthropicProvider
-
-            return AnthropicModel(model, provider=AnthropicProvider(api_key=key, base_url=address, http_client=http))
 
 
 def read_key(variables: Iterable[str]) -> str | None:
