@@ -106,6 +106,15 @@ class BodyTracker:
         many = [body for body in self._bodies if len(body.markers) >= MANY]
         return [body.markers for body in many if body.give > SOFT * self._radius(body)]
 
+    def parts(self) -> list[NDArray[np.int64]]:
+        """Markers of each body."""
+        return [body.markers for body in self._bodies]
+
+    def known(self, markers: NDArray[np.int64]) -> tuple[Looks, Array]:
+        """What the markers of a body look like and where it was last [px]."""
+        body = next(body for body in self._bodies if body.markers[0] == markers[0])
+        return self._looks.of(markers), body.history[-1][1]
+
     def leave(self, markers: NDArray[np.int64]) -> tuple[Looks, Array]:
         """Doesn't follow a body any longer, which is that of these markers: what they look like and where it was."""
         body = next(body for body in self._bodies if body.markers[0] == markers[0])

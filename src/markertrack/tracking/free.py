@@ -86,6 +86,11 @@ class FreeTracker:
         self._time = time
         self.reasons = {reason: np.zeros(count, dtype=np.int64) for reason in REASONS}
 
+    @property
+    def places(self) -> Array:
+        """Where the markers were, or would be [px]. Shape (M, 2)."""
+        return self._places.copy()
+
     def follow(self, image: Image, time: float) -> tuple[Array, Array]:
         """Finds the markers in the next frame."""
         check_order(time, self._time)

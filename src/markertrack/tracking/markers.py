@@ -1,16 +1,20 @@
 """Tracks the markers of a robot whose trials are recordings: bodies of several by their shape, single ones by flow.
 
-A body that turns out not to keep its shape is left to flow from then on.
+While a body isn't believed, its markers are followed by flow from where they were, and it is believed again where flow
+agrees. A body that turns out not to keep its shape is left to flow from then on.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from markertrack.tracking.bodies import BodyTracker
-from markertrack.tracking.free import APART, FreeTracker
+from markertrack.tracking.free import APART, RATIO, FreeTracker
+from markertrack.tracking.looks import Looks
 from markertrack.tracking.tracker import DOUBT, REASONS, Array, Image, Mask
 
 FOUND = 0.7  # of the markers of a soft body, up to which it is left
@@ -36,6 +40,7 @@ class MarkerTracker:
         parts = (self._bodies, self._rigid), (FreeTracker(), np.flatnonzero(alone))
         self._parts = [(tracker, of) for tracker, of in parts if len(of)]  # each with the markers that it follows
         self._count = len(numbers)
+        self._doubted: dict[int, _Flowed] = {}  # bodies that aren't believed, by their first marker
 
     @property
     def reasons(self) -> dict[str, Array]:
@@ -50,6 +55,7 @@ class MarkerTracker:
         positions, confidence = points.copy(), np.ones(self._count)
         for tracker, of in self._parts:
             positions[of], confidence[of] = tracker.start(image, points[of], time)
+        self._last = _Frame(image, time, positions, confidence, np.zeros_like(positions))
         return positions, confidence
 
     def follow(self, image: Image, time: float) -> tuple[Array, Array]:
@@ -63,7 +69,36 @@ class MarkerTracker:
             radii[of] = tracker.radii
         if len(self._rigid):
             self._leave_soft(image, positions, confidence, time)
+            for part in self._bodies.parts():
+                self._ask_flow(image, time, part, positions, confidence)
+        both = (confidence > DOUBT) & (self._last.confidence > DOUBT)
+        steps = np.where(both[:, None], positions - self._last.positions, self._last.steps)
+        self._last = _Frame(image, time, positions.copy(), confidence.copy(), steps)
         return positions, confidence
+
+    def _ask_flow(
+        self, image: Image, time: float, part: NDArray[np.int64], positions: Array, confidence: Array
+    ) -> None:  # fmt: skip
+        """Puts in what flow knows of a body that isn't believed, until it is again and flow doesn't contradict."""
+        of, key = self._rigid[part], int(part[0])
+        believed = confidence[of] > DOUBT
+        if key not in self._doubted:
+            known = self._last.confidence[of] > DOUBT
+            if believed.any() or not known.any():
+                return
+            looks, expected = self._bodies.known(part)
+            places = np.where(known[:, None], self._last.positions[of], expected)
+            self._doubted[key] = _Flowed(self._last, looks, places, known, self._last.steps[of])
+        flowed = self._doubted[key]
+        places, sure = flowed.follow(image, time)
+        certain = sure > DOUBT
+        apart = np.linalg.norm(places - positions[of], axis=1) > flowed.radii
+        both, more = certain & believed, certain & ~believed
+        if believed.any() and not (both & apart).any() and (both.any() or not certain.any()):
+            del self._doubted[key]
+            return
+        confidence[of[both & apart]] = DOUBT
+        positions[of[more]], confidence[of[more]] = places[more], sure[more]
 
     @staticmethod
     def _doubled(places: Array, radii: Array, others: Array, known: Array) -> Mask:
@@ -81,3 +116,48 @@ class MarkerTracker:
             looks, expected = self._bodies.leave(part)
             free.take_over(image, looks, np.where(certain[:, None], positions[of], expected), certain, time)
             self._parts.append((free, of))
+
+
+class _Frame(NamedTuple):
+    """What is known of a frame.
+
+    Attributes:
+        image: RGB. Shape (H, W, 3).
+        time: Time stamp [s].
+        positions: Of the markers [px]. Shape (M, 2).
+        confidence: From 0 to 1. Shape (M,).
+        steps: Last known step of each marker [px]. Shape (M, 2).
+    """
+
+    image: Image
+    time: float
+    positions: Array
+    confidence: Array
+    steps: Array
+
+
+class _Flowed:
+    """The markers of one body, followed by flow from a frame on in which the body was believed.
+
+    A marker that was where the last step led another one of the body may be that one: it stays in doubt.
+    """
+
+    def __init__(self, frame: _Frame, looks: Looks, places: Array, known: Mask, steps: Array) -> None:
+        self._free, self._expected = FreeTracker(), places + steps
+        self._free.take_over(frame.image, looks, places, known, frame.time)
+        self._aliased = np.zeros(len(places), dtype=bool)
+
+    @property
+    def radii(self) -> Array:
+        return self._free.radii
+
+    def follow(self, image: Image, time: float) -> tuple[Array, Array]:
+        """Places [px], shape (M, 2), and confidence, shape (M,), of the next frame."""
+        before = self._free.places
+        positions, confidence = self._free.follow(image, time)
+        off = np.linalg.norm(self._free.places[:, None] - self._expected, axis=2)
+        own = np.diag(off).copy()
+        np.fill_diagonal(off, np.inf)
+        self._aliased |= own > RATIO * off.min(axis=1)
+        self._expected = 2 * self._free.places - before
+        return positions, np.where(self._aliased, np.minimum(confidence, DOUBT), confidence)
