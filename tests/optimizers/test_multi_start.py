@@ -5,7 +5,7 @@ import pytest
 from driving import answered, drive, lowest, notes, points, staged
 
 from swim2real.optimizers import Evaluation, MultiStart, streams
-from swim2real.optimizers.multi_start import agreeing
+from swim2real.optimizers.enough import agreeing
 from swimbase.errors import OptimizerError
 
 D = 3

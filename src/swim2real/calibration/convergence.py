@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from markertrack.track import MarkerTrack
 from swim2real.calibration.file_models import Outcome, RecordedEvaluation
 from swim2real.calibration.run_settings import RunSettings
-from swim2real.optimizers.multi_start import AGREEMENT, agreeing
+from swim2real.optimizers.enough import AGREEMENT, agreeing
 from swim2real.parameters import ParameterSpace
 from swim2real.robots.robot import Sensor
 from swim2real.settings import CalibrationSettings

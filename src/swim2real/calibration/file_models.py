@@ -5,7 +5,7 @@ What is checked here is what is read again; keys that a later version adds are k
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -15,6 +15,7 @@ from swim2real.objective.figures import Fact, FitFigures, Text
 from swimbase.checking import Number
 
 Whole = Annotated[int, Field(strict=True, ge=0, le=10**9)]
+Kind = Literal["good", "not finished", "not usable"]
 Share = Annotated[float, Field(strict=True, ge=0, le=1)]
 
 
@@ -83,11 +84,34 @@ class TrialSummary(_Part):
     sensors: list[Text] = []
 
 
+class Verdict(_Part):
+    """Verdict on what a run's best parameters are worth.
+
+    Attributes:
+        kind: `good`: near the noise, or nothing further explains the trials. `not finished`: a further search probably
+            explains more. `not usable`: too much is unexplained, or a simulation goes wrong.
+        sentence: Reason, with numbers, and what would help.
+        unexplained: Share of the real motion that the fit leaves unexplained; None where nothing was simulated.
+        seconds: Time that a search would probably still take [s]; None for one that is done.
+    """
+
+    kind: Kind
+    sentence: Text
+    unexplained: Number | None = None
+    seconds: Number | None = None
+
+    @property
+    def title(self) -> str:
+        """Kind, as it is shown."""
+        return self.kind.capitalize()
+
+
 class Outcome(_Part):
     """Findings of a run: the content of its `outcome.json`.
 
     Attributes:
         fit: Figures on the fitted trials.
+        verdict: What the best parameters are worth; None in runs of before there was one.
         held_out: Figures on the held-out trials; None without any.
         from_rest: How each fitted trial's beat swims from rest; empty where trials have no beat.
         trials: What was found in each real trial.
@@ -95,7 +119,8 @@ class Outcome(_Part):
         engine: Name and fingerprint of the physics engine.
         marker_names: Names of the markers.
         evaluations: Number of evaluations on record.
-        ending: What ended the search: done, minutes or budget.
+        ending: What ended the search: done, most, budget, minutes or interrupted.
+        conclusion: Reason why it is done, in words; empty otherwise.
         noise: Noise of the markers of the fitted trials, of sensors alone that of what they count as [m].
         ranges: Values of each parameter within which the error rises by less than a tenth, others following; empty
             where the search has no slopes.
@@ -103,6 +128,7 @@ class Outcome(_Part):
     """
 
     fit: FitFigures
+    verdict: Verdict | None = None
     held_out: FitFigures | None = None
     from_rest: dict[str, FromRest] = {}
     trials: dict[str, TrialSummary] = {}
@@ -111,6 +137,7 @@ class Outcome(_Part):
     marker_names: list[Text] = []
     evaluations: Whole = 0
     ending: Text = "budget"
+    conclusion: Text = ""
     noise: Number | None = None
     ranges: dict[str, tuple[Number, Number]] = {}
     late: list[Text] = []

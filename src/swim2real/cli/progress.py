@@ -121,7 +121,7 @@ def _run_line(p: Progress) -> str:
 
 
 def _left_of(p: Progress) -> str:
-    from swim2real.optimizers.multi_start import agreeing
+    from swim2real.optimizers.enough import agreeing
 
     left = f"{_clock(max(p.seconds_left, 0.0))} left"
     if p.budget:

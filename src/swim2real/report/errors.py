@@ -24,7 +24,7 @@ from swim2real.objective.figures import (
     sensor_figure,
 )
 from swim2real.objective.trial import TAIL_FIRST_LOSS
-from swim2real.optimizers.multi_start import agreeing
+from swim2real.optimizers.enough import agreeing
 from swim2real.report.run import ReportedRun
 from swimbase.arrays import Array
 
