@@ -138,8 +138,8 @@ class EvaluationSettings:
 class CalibrationSettings(EvaluationSettings):
     """Settings that decide the result of a calibration.
 
-    On resume `threads` and `minutes` may change, and the budget may be raised; without a budget, multi-start searches on
-    until it is done, and a run by another method is finished with it from where it stands.
+    On resume `threads` and `minutes` may change, and the budget may be raised; without a budget, multi-start searches
+    on until it is done, and a run by another method is finished with it from where it stands.
 
     Attributes:
         method: An entry of `swim2real.methods`.

@@ -43,6 +43,9 @@ def judge(
         noise: Noise of the data [m]; None where nothing tells it.
         from_rest: Swims from rest that they were tried on.
     """
+    if not trials:
+        said = f"it has not ended; {search.made} evaluations are on record, and --resume goes on"
+        return _verdict("not finished", said, None, search.seconds)
     seconds = None if search.ending == "done" else search.seconds
     longer = "" if seconds is None else f", about {_duration(seconds)} more at this pace"
     on = f"--resume{' without --budget' * (search.ending in ('budget', 'most'))} searches on{longer}"
@@ -55,11 +58,12 @@ def judge(
     times = f", {error / noise:.{0 if error > 9.5 * noise else 1}f} times the noise of the data" if noise else ""
     left = f"{100 * share:.{0 if share > 0.015 else 2}f} % of the motion is unexplained ({1e3 * error:.3g} mm{times})"
     worst = _worst(trials, robot.trials.sensors)
-    helps = on if search.ending != "done" else (
-        f"{search.conclusion or 'the search is done'}, so look at the {'film and ' * bool(robot.marker_names)}charts for "
-        f"what is wrong{', add what the model lacks (behind # in its robot file)' * (robot.source is not None)}, or try "
-        f"other seeds (--seeds 0:3)"
-    )  # fmt: skip
+    helps = on
+    if search.ending == "done":
+        look = "film and the charts" if robot.marker_names else "charts"
+        lacks = ", add what the model lacks (behind # in its robot file)" if robot.source is not None else ""
+        why = search.conclusion or "the search is done"
+        helps = f"{why}, so look at the {look} for what is wrong{lacks}, or try other seeds (--seeds 0:3)"
     backward = backward_from_rest(from_rest or {})
     tail_first = next((one.name for one in trials if one.tail_first), None)
     if tail_first is not None:

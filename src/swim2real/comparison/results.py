@@ -251,7 +251,7 @@ def _read_run(job: Job) -> RunResult:
     record, outcome = folder.record(), folder.outcome()
     if outcome is None:
         raise RunError(f"run '{job.folder}' has no outcome; run the comparison again")
-    best = min((entry for entry in record if not entry.failed), key=lambda e: e.loss, default=record[0])
+    best = min((entry for entry in record if not entry.failed), key=lambda e: e.at_most, default=record[0])
     spent = totals(Transcript(job.folder).calls) if asks_a_vlm(job.settings.advisor) else None
     return RunResult(
         method=job.method,

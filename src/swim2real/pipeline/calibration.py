@@ -70,8 +70,8 @@ def calibrate(
     folder = calibration.RunFolder(out)
     begun = folder.settings() if resume else None
     if begun is not None and begun.budget is not None and (settings.budget is None or begun.finish):
-        if begun.finish or begun.method != "multi-start":  # which goes on by itself
-            settings = replace(settings, method=begun.method, budget=begun.budget, finish=True)
+        finish = begun.finish or begun.method != "multi-start"  # which goes on by itself
+        settings = replace(settings, method=begun.method, budget=begun.budget if finish else None, finish=finish)
     if on_warning is not None:
         check_targets(robot)
         begins = started(robot, reference)
@@ -116,6 +116,7 @@ def calibrate(
         best, search = calibration.minimize(
             problem, space, optimizer, None if resolved.finish else resolved.budget, folder, on_progress,
             None if first is None else space.to_cube(first), settings.minutes, slopes,
+            calibration.CoarseSteps(problem) if resolved.search > 1 and resolved.method == "multi-start" else None,
         )  # fmt: skip
         interrupted = search.ending == "interrupted"  # whoever did it doesn't want to wait
         effects = calibration.sensitivities(problem, space, best.values) if sensitivity and not interrupted else None
