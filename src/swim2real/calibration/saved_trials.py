@@ -80,7 +80,8 @@ def conclude(
     """
     fit = problem.evaluate(values)
     on_held_out = None if held_out is None else held_out.evaluate(values)
-    swims, search = problem.check_fit(values), search or Search()
+    swims, made = problem.check_fit(values), len(folder.record())
+    search = search or Search(made=made)
     noise = noise_of(problem.trials, problem.robot.trials.sensors)
     verdict = judge(fit.trials, problem.robot, search, noise, swims)
     content: dict[str, object] = {
@@ -92,7 +93,7 @@ def conclude(
         "sensitivity": None if sensitivity is None else rounded([asdict(s) for s in sensitivity]),
         "engine": problem.engine.as_dict(),
         "marker_names": list(problem.robot.marker_names),
-        "evaluations": len(folder.record()),
+        "evaluations": made,
         "ending": search.ending,
         "conclusion": search.conclusion,
         "noise": rounded(noise),

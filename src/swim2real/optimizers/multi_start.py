@@ -189,7 +189,7 @@ class MultiStart(Optimizer):
 
     def _to_the_bottom(self, base: Evaluation, note: Mapping[str, Any]) -> Search[Evaluation]:
         if base.candidate.coarse:
-            (exact,) = yield [Candidate(base.candidate.point, {"source": "step", **note})]
+            (exact,) = yield [Candidate(base.candidate.point, {"source": "again", **note})]
             base = base if exact.failed else exact
         points = yield from surround(base, _CLOSE_RADIUS, note)
         return (yield from go_down(points, len(base.stages) - 1, EXACT, {**note, "last": True}, _WIDE_RADIUS))
