@@ -50,7 +50,9 @@ def test_a_fit_that_leaves_much_unexplained_isnt_usable_and_the_worst_is_named(t
     worst = max(trials["slow"], key=lambda one: one.loss)
     assert verdict.kind == "not usable"
     assert verdict.unexplained > 0.25
-    assert says(verdict.sentence, f"{100 * verdict.unexplained:.0f} % of", f"trial '{worst.name}' by its way", "--resume")
+    assert says(
+        verdict.sentence, f"{100 * verdict.unexplained:.0f} % of", f"trial '{worst.name}' by its way", "--resume"
+    )
     assert says(judge(trials["slow"], ROBOT, DONE, NOISE).sentence, "3 of 3 starts agree, so look at the film")
 
 
