@@ -91,8 +91,8 @@ def of_package(method, course, seed, budget=2000, starts=None):
     """A method of swim2real's own, told what the calibration loop tells it."""
     robot, space = course.race.problem.robot, course.race.space
     settings = CalibrationSettings(method=method, budget=budget, seed=seed, first="random", starts=starts)
-    advised = method == "line-search"
-    optimizer = make_optimizer(settings, robot, space, make_advisor("physics", robot, space, seed) if advised else None)
+    advised = method in ("line-search", "multi-start")  # which an advisor leads where a response is known
+    optimizer = make_optimizer(settings, robot, space, make_advisor("physics", robot, space, seed))
     while True:
         candidate = optimizer.ask()
         optimizer.tell(course(candidate.point, candidate, told=advised))

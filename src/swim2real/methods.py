@@ -37,7 +37,7 @@ class Method:
 
 METHODS = {
     "line-search": Method(
-        "an advisor's proposals with backtracking; the default with --budget or --advisor", f"{_MADE}line_search",
+        "an advisor's proposals with backtracking; the default with --advisor", f"{_MADE}line_search",
         advised=True,
     ),
     "proposal-search": Method(

@@ -31,7 +31,6 @@ TrackerName = Literal["detection", "aruco"]
 
 HORIZON = 4.0  # s of each trial that are compared
 PAPER_BUDGET = 40  # evaluations
-MINUTES = 5.0  # of a search without a budget
 REPLY_TOKENS = 16_384  # thinking included
 PAPER_STEPS = 5_000_000  # of a training
 PAPER_EXPLORATION = 50_000
@@ -140,18 +139,18 @@ class EvaluationSettings:
 class CalibrationSettings(EvaluationSettings):
     """Settings that decide the result of a calibration.
 
-    On resume `threads` and `minutes` may change, and the budget may be raised; without a budget, a run that had one is
-    finished with multi-start from where it stands.
+    On resume `threads` and `minutes` may change, and the budget may be raised; without a budget, multi-start searches
+    on until it is done, and a run by another method is finished with it from where it stands.
 
     Attributes:
         method: An entry of `swim2real.methods`.
         advisor: What proposes parameters. physics: built in, no key. google:MODEL, openai:MODEL, anthropic:MODEL: a
             VLM, key from GOOGLE_API_KEY, OPENAI_API_KEY or ANTHROPIC_API_KEY. files: you, or any chat window.
             replay:RUN: an earlier run's replies, without a network; settings that aren't given are that run's.
-        budget: Simulation evaluations, the first included. By default multi-start searches until it is done, and other
-            methods make the paper's 40.
-        minutes: Longest search without --budget or after it; by default 5. A search that it cuts off goes on with
-            --resume.
+        budget: Most simulation evaluations, the first included. By default multi-start searches until it is done, and
+            other methods make the paper's 40.
+        minutes: Longest search. By default evaluations alone end it, so that its result doesn't depend on how fast the
+            machine is; one that minutes end isn't finished, and goes on with --resume.
         seed: Decides the first point and every random choice.
         finish: When the budget is spent, go on from the best point with multi-start until it is done: an advisor finds
             where to search, least squares the rest.
@@ -186,20 +185,13 @@ class CalibrationSettings(EvaluationSettings):
         super().__post_init__()
         check_advisor(self.advisor)
         if self.method is None:
-            advised = self.budget is not None or self.advisor != PHYSICS or self.probes or (self.starts or 1) > 1
+            advised = self.advisor != PHYSICS or self.probes or (self.starts or 1) > 1
             object.__setattr__(self, "method", "line-search" if advised else "multi-start")
         _choice("method", self.method, METHODS)
         if self.budget is None and self.method != "multi-start":
             object.__setattr__(self, "budget", PAPER_BUDGET)
         _least("budget", self.budget, 1)
-        if self.minutes is not None:
-            _finite("minutes", self.minutes, unit=" min")
-            if self.budget is not None and not self.finish:
-                raise ArgumentError(
-                    f"minutes is {self.minutes:g}, which is for a search until it is done; this one ends after a "
-                    f"budget of {self.budget} evaluations: leave out minutes, or the budget and the method, or add "
-                    f"--finish"
-                )
+        _finite("minutes", self.minutes, unit=" min")
         if self.finish and self.budget is None:
             raise ArgumentError("finish needs a budget, as it continues once that is spent: leave it out, or give one")
         _seed(self.seed)
@@ -219,7 +211,7 @@ class CalibrationSettings(EvaluationSettings):
 
     @property
     def chosen_method(self) -> MethodName:
-        """The method, chosen by the budget and the advisor where none is given."""
+        """The method, chosen by the advisor where none is given."""
         return self.method or "multi-start"
 
     @property

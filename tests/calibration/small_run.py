@@ -31,6 +31,7 @@ ROBOT = replace(
     FISH,
     space=ParameterSpace(tuple(replace(FISH.space[name], lower=low, upper=up) for name, (low, up) in BOUNDS.items())),
     build=lambda values: FISH.build({**FISH.space.published, **values}),
+    trials=replace(FISH.trials, response=None),  # which is of sixteen parameters
 )
 
 

@@ -45,7 +45,7 @@ def by(source, count, lowest):
     sources = ["first point", *["start"] * 3, *["line search"] * count]
     sources[lowest] = source
     return [
-        SimpleNamespace(index=i, failed=False, loss=loss, note=SimpleNamespace(source=sources[i]))
+        SimpleNamespace(index=i, failed=False, loss=loss, at_most=loss, note=SimpleNamespace(source=sources[i]))
         for i, loss in enumerate(losses)
     ]
 

@@ -22,7 +22,7 @@ from swim2real.identification.finished_run import reopen
 from swim2real.identification.identifiability import identify
 from swim2real.objective import evidence
 from swim2real.pipeline import calibrate
-from swim2real.report import read_run, warnings, write_report
+from swim2real.report import write_report
 from swim2real.robots.drives import TABLE
 from swim2real.robots.robot import Sensor, Trials
 from swim2real.settings import CalibrationSettings, IdentifiabilitySettings
@@ -87,13 +87,12 @@ def test_joint_sensors_tell_where_a_fit_of_the_start_begins():
     assert qvel == pytest.approx([2.0, 0.0])
 
 
-def test_a_fit_far_above_the_noise_of_the_readings_is_bad(reference, tmp_path):
+def test_a_fit_far_above_the_noise_of_the_readings_isnt_usable(reference, tmp_path):
     quick = CalibrationSettings(method="random", budget=1, horizon=1.0, threads=2, first="model")
     found = calibrate(reference, ROBOT, quick, tmp_path / "run", on_warning=None)
     assert found.noise < 5e-4
-    *_, said = warnings(read_run(tmp_path / "run", ROBOT))
-    assert "the fit is bad: its error is" in said
-    assert "times the noise of the data, and the real readings vary, as they count, by" in said
+    assert found.verdict.kind == "not usable"
+    assert says(found.verdict.sentence, "% of the motion is unexplained", "times the noise of the data")
 
 
 @pytest.mark.slow

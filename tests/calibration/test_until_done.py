@@ -1,8 +1,9 @@
-"""A search without a budget: cut off by minutes, gone on with, and as the finish of a run that had a budget."""
+"""A search until it is done: what ends it otherwise, how it goes on, and as the finish of a run that had a budget."""
 
 import contextlib
 import json
 import shutil
+import time
 
 import numpy as np
 import pytest
@@ -10,11 +11,10 @@ import small_run
 
 from markertrack.track import MarkerTrack
 from refused import says
-from swim2real.calibration import RunFolder
+from swim2real.calibration import Problem, RunFolder
 from swim2real.calibration.convergence import marker_noise, standing
 from swim2real.pipeline import calibrate
-from swim2real.report import read_run, write_report
-from swim2real.report import standing as standing_of
+from swim2real.report import write_report
 from swim2real.settings import CalibrationSettings
 from swimbase.errors import ArgumentError, RunError
 
@@ -26,7 +26,7 @@ def search(reference, out, resume=False, most=None, **settings):
     chosen = CalibrationSettings(protocol="aligned", **{"threads": 1, **settings})
 
     def stop(progress):
-        if most is not None and progress.done >= most:
+        if most is not None and progress.done >= most and not progress.replayed:
             raise KeyboardInterrupt
 
     with contextlib.suppress(KeyboardInterrupt):
@@ -50,7 +50,7 @@ def test_a_run_with_a_budget_is_finished_and_a_search_that_was_cut_off_goes_on(r
     settings = RunFolder(tmp_path / "run").settings()
     assert (settings.method, settings.budget, settings.finish) == ("random", 4, True)
     notes = [entry.note for entry in RunFolder(tmp_path / "run").record()]
-    assert [note.source for note in notes[3:6]] == ["random", "first point", "start"]
+    assert [note.source for note in notes[3:6]] == ["random", "first point", "spread"]
     best = min(RunFolder(tmp_path / "run").record()[:4], key=lambda entry: entry.loss)
     assert both[4] == best.point
 
@@ -90,42 +90,79 @@ def test_fast_motion_is_no_noise():
     assert marker_noise([track]) == pytest.approx(0.5e-3 * 2**0.5, rel=0.1)
 
 
-@pytest.fixture(scope="module")
-def cut_off(reference, tmp_path_factory):
-    """A search of a second and its outcome. Don't write into its folder."""
-    out = tmp_path_factory.mktemp("cut off") / "run"
-    return out, search(reference, out, minutes=SECOND)
+def test_a_loaded_machine_changes_nothing_but_the_seconds(reference, tmp_path, monkeypatch):
+    search(reference, tmp_path / "quiet", budget=14)
+    evaluate = Problem.evaluate
+
+    def slowly(problem, values):
+        time.sleep(0.1)
+        return evaluate(problem, values)
+
+    monkeypatch.setattr(Problem, "evaluate", slowly)
+    search(reference, tmp_path / "loaded", budget=14)
+    entries = [
+        [entry.model_dump(exclude={"seconds"}) for entry in RunFolder(tmp_path / name).record()]
+        for name in ("quiet", "loaded")
+    ]
+    assert entries[0] == entries[1]
+    assert sum(entry.seconds for entry in RunFolder(tmp_path / "loaded").record()) > 0.5
 
 
-def test_what_a_search_knows_is_said(reference, cut_off):
-    out, outcome = cut_off
-    run = RunFolder(out)
+def test_a_budget_bounds_a_search_and_leaves_its_method(reference, tmp_path):
+    assert search(reference, tmp_path / "run", budget=5).ending == "budget"
+    search(reference, tmp_path / "run", resume=True, most=13)
+    search(reference, tmp_path / "whole", most=13)
+    assert points(tmp_path / "run") == points(tmp_path / "whole")
+    settings = RunFolder(tmp_path / "run").settings()
+    assert (settings.method, settings.budget, settings.finish, settings.search) == ("multi-start", None, False, 2)
+
+
+@pytest.mark.parametrize(("ended", "ending"), [({"minutes": SECOND / 10}, "minutes"), ({"most": 3}, "interrupted")])
+def test_a_search_that_minutes_or_a_person_ended_isnt_finished(reference, tmp_path, ended, ending):
+    search(reference, tmp_path / "run", **ended)
+    outcome = RunFolder(tmp_path / "run").outcome()
+    assert (outcome.ending, outcome.conclusion) == (ending, "")
+    assert outcome.verdict.kind != "good"
+    assert "--resume" in outcome.verdict.sentence
+    assert outcome.verdict.title in write_report(tmp_path / "run", small_run.ROBOT).read_text()
+
+
+def test_a_record_of_before_is_replayed(reference, tmp_path):
+    """Without an advisor that leads, and with the model's own step in all evaluations."""
+    search(reference, tmp_path / "run", budget=3)
+    path = tmp_path / "run" / "settings.json"
+    settings = json.loads(path.read_text())
+    del settings["search"]
+    path.write_text(json.dumps(settings))
+    search(reference, tmp_path / "run", resume=True, budget=20)
+    assert len(points(tmp_path / "run")) == 20
+    assert not any(entry.note.coarse for entry in RunFolder(tmp_path / "run").record())
+    assert RunFolder(tmp_path / "run").settings().search == 1
+
+
+def test_what_a_search_knows_is_said(reference, tmp_path):
+    outcome = search(reference, tmp_path / "run", minutes=SECOND)
+    run = RunFolder(tmp_path / "run")
     said = standing(run.record(), run.settings(), outcome, small_run.ROBOT.space)
-    assert says(said[0], f"cut off after {len(run.record())} evaluations", "--resume goes on")
-    *_, scale = standing_of(read_run(out, small_run.ROBOT))
-    assert says(scale, "times the noise of the data")
+    assert says(said[0], f"isn't finished after {len(run.record())} evaluations", "--resume goes on")
+    assert says(outcome.verdict.sentence, "times the noise of the data")
     assert marker_noise([trial.track for trial in reference]) == pytest.approx(0.5e-3 * 2**0.5, rel=0.1)
     assert marker_noise([]) is None
-    assert "The search was cut off after" in write_report(out, small_run.ROBOT).read_text()
+    assert "The search isn&#39;t finished after" in write_report(tmp_path / "run", small_run.ROBOT).read_text()
     done = outcome.model_copy(update={"ending": "done"})
     assert standing(run.record(), run.settings(), done, small_run.ROBOT.space)[0].startswith("the search is done after")
 
 
-def test_what_ends_a_search_is_either_a_budget_or_minutes(reference, cut_off):
-    assert CalibrationSettings().chosen_method == "multi-start"
-    assert (CalibrationSettings(budget=5).method, CalibrationSettings(method="cma-es").budget) == ("line-search", 40)
-    assert CalibrationSettings(advisor="files").budget == 40
-    with pytest.raises(
-        ArgumentError, match=r"minutes is 2, which is for a search until it is done; .* budget of 40 ev"
-    ):
-        CalibrationSettings(advisor="files", minutes=2)
+def test_settings_that_end_a_search_are_checked(reference, tmp_path):
+    assert (CalibrationSettings().chosen_method, CalibrationSettings().minutes) == ("multi-start", None)
+    assert (CalibrationSettings(budget=5).method, CalibrationSettings(method="cma-es").budget) == ("multi-start", 40)
+    assert (CalibrationSettings(advisor="files", minutes=2).budget, CalibrationSettings(probes=1).budget) == (40, 40)
     with pytest.raises(ArgumentError, match="first is 'middle'; it must be auto, model, random, or a parameters file"):
         CalibrationSettings(first="middle")
     with pytest.raises(ArgumentError, match="finish needs a budget"):
         CalibrationSettings(finish=True)
-    assert CalibrationSettings(advisor="files", finish=True, minutes=2).budget == 40
     with pytest.raises(ArgumentError, match="minutes is 0 min; it must be finite and above 0"):
         CalibrationSettings(minutes=0)
-    with pytest.raises(RunError, match=r"method was .multi-start. and is now .line-search."):
-        search(reference, cut_off[0], resume=True, budget=50)
-    assert json.loads((cut_off[0] / "settings.json").read_text())["budget"] is None
+    search(reference, tmp_path / "run", most=2)
+    with pytest.raises(RunError, match=r"method was .multi-start. and is now .random."):
+        search(reference, tmp_path / "run", resume=True, method="random", budget=50)

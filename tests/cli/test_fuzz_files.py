@@ -14,13 +14,13 @@ from pathlib import Path
 
 import pytest
 from markupsafe import Markup
-from mutations import mutated
 
 from made_results import made_results, made_run
 from markertrack.camera_file import read_camera
 from markertrack.points import load_anchors, load_points
 from motorline.commands import read_table
 from motorline.motors_file import read_motors
+from mutations import mutated
 from run_settings import record_of
 from swim2real import api
 from swim2real.advisor.vlm.transcript import Transcript

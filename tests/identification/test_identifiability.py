@@ -245,4 +245,4 @@ def test_a_run_that_ends_at_a_loss_of_0_has_its_record_and_says_where_it_stands(
     folder = toy.make_run(reference, tmp_path / "run", budget=3, start=toy.HIDDEN)
     assert [entry.loss == 0 for entry in folder.record()] == [True, False, False]
     told = standing(folder.record(), replace(folder.settings(), finish=True), None, toy.SPACE)
-    assert ("0.00 mm" in told[0], told[2]) == (True, "the last minute gained nothing")
+    assert ("0.00 mm" in told[0], told[2]) == (True, "the last quarter of the evaluations gained nothing")

@@ -147,7 +147,7 @@ def test_methods_that_need_residuals_say_so(make):
     if make is not callback_solver:
         optimizer = make(0)
         optimizer.tell(Evaluation(optimizer.ask(), 1.0, failed=True))  # one that failed needs none
-        assert optimizer.ask().note == {"source": "start", "start": 2}
+        assert optimizer.ask().note.items() >= {"source": "start", "start": 2}.items()
 
 
 def test_random_search_samples_evenly_and_streams_are_independent():

@@ -5,7 +5,7 @@ import pytest
 from driving import answered, drive, lowest, notes, points, staged
 
 from swim2real.optimizers import Evaluation, MultiStart, streams
-from swim2real.optimizers.multi_start import agreeing
+from swim2real.optimizers.enough import Sizes
 from swimbase.errors import OptimizerError
 
 D = 3
@@ -107,20 +107,51 @@ def test_a_start_and_stages_are_needed():
         answered(MultiStart([MIDDLE], streams(0)[1]), 1, lambda i, one: Evaluation(one, 1.0))
 
 
-def test_it_is_done_when_three_ends_agree_and_goes_on_beyond_six_where_none_does():
-    optimizer = MultiStart([MIDDLE, np.full(D, 0.2)], streams(0)[1])
-    assert not optimizer.done
+def driven_until_done(optimizer, loss):
+    """Evaluations that it made."""
     asked = 0
     while not optimizer.done:
         one = optimizer.ask()
-        residual = np.append(linear(one.point), 0.01)
+        residual = np.append(linear(one.point), loss(one))
         optimizer.tell(Evaluation(one, float(np.linalg.norm(residual)), stages=staged(residual)))
         asked += 1
         assert asked < 2000
-    assert agreeing([0.010, 0.0109, 0.02]) == 2
+    return asked
+
+
+def test_it_is_done_when_ends_agree_or_another_start_would_hardly_pay():
+    agreed = MultiStart([MIDDLE, np.full(D, 0.2)], streams(0)[1])
+    assert agreed.left > 1
+    driven_until_done(agreed, lambda one: 0.01)
+    assert (agreed.conclusion, agreed.gave_up) == ("3 of 3 starts agree", False)
     apart = MultiStart([MIDDLE], streams(0)[1])
-    while not apart.done:  # each start leaves another loss
-        one = apart.ask()
-        residual = np.append(linear(one.point), 0.01 * 1.3 ** one.note.get("start", 1))
-        apart.tell(Evaluation(one, float(np.linalg.norm(residual)), stages=staged(residual)))
-    assert len(apart.ends) == 12
+    driven_until_done(apart, lambda one: 0.01 + 0.005 * (7 * one.note.get("start", 1) % 11))
+    assert 4 <= len(apart.ends) <= 12
+    alone = MultiStart([MIDDLE], streams(0)[1], sizes=Sizes(0.0, 3.0))
+    driven_until_done(alone, lambda one: 0.01)
+    assert len(alone.ends) == 1
+
+
+def test_it_gives_up_after_many_evaluations():
+    endless = MultiStart([MIDDLE], streams(0)[1])
+    made = driven_until_done(endless, lambda one: 10.0 * 0.9 ** one.note.get("start", 1))
+    assert (endless.gave_up, endless.conclusion) == (True, f"{made} evaluations are the most of a search")
+
+
+def test_a_start_that_is_known_to_be_good_is_followed_before_the_others_are_evaluated():
+    starts = [MIDDLE, *np.random.default_rng(0).random((5, D))]
+    optimizer = MultiStart(starts, streams(0)[1], led=True)
+    told = answered(optimizer, 200, lambda i, one: Evaluation(one, 1.0 + i, stages=staged(linear(one.point))))
+    begun = [note["source"] for note in notes(told)].index("start")
+    assert {note.get("start", 1) for note in notes(told[:begun])} == {1}
+    assert any(note.get("last") for note in notes(told[:begun]))
+    np.testing.assert_array_equal(points(told[begun : begun + 5]), starts[1:])
+
+
+def test_what_comes_before_the_whole_residual_may_be_coarse():
+    told = searched(900, walled, [np.full(D, share) for share in (0.1, 0.9, 0.4, 0.6, 0.25, 0.7, 0.95, 0.05)])
+    stages = {
+        is_coarse: {note.get("stage") for note in notes(told) if note.get("coarse", False) == is_coarse}
+        for is_coarse in (False, True)
+    }
+    assert stages == {False: {None, 3, 4}, True: {None, 1, 2}}

@@ -1,5 +1,6 @@
 """The page of a run: what it shows of a run that has ended, and what it says is missing."""
 
+import json
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -107,24 +108,32 @@ def test_what_is_missing_is_said_and_the_rest_is_shown(run: Run, damage, says: t
     assert [word for word in ("Real and simulated real", "No trial was held out") if word in shown] == []
 
 
-def test_a_fit_that_is_of_no_use_is_said(run: Run) -> None:
-    assert "unusable" not in visible(page_of(run))
-    run.conclude(0.1, from_rest=-0.02)
-    assert "Warning: unusable: from rest" in visible(page_of(run))
-    run.conclude(0.02)
-    assert not any("bad" in said for said in warnings(read_run(run.path, ROBOT)))
-    run.conclude(0.3)
-    *_, said = warnings(read_run(run.path, ROBOT))
-    assert "the fit is bad" in said
-    assert said.endswith(
-        "look at the film and the charts for what is wrong, or try other seeds (--seeds 0:3), without --budget"
-    )
-    assert f"Warning: {said.partition(':')[0]}" in page_of(run)
+def test_the_verdict_is_first_on_the_page(run: Run) -> None:
+    for miss, from_rest, kind, said in (
+        (0.005, 0.1, "not-finished", "Not finished. The budget of 7 evaluations is spent"),
+        (0.3, 0.1, "not-usable", "Not usable."),
+        (0.005, -0.02, "not-usable", "Not usable. From rest, where a policy and the robot begin"),
+    ):
+        run.conclude(miss, from_rest=from_rest)
+        page = page_of(run)
+        assert f'<p class="notice verdict {kind}">' in page
+        assert missing((said,), visible(page)) == []
     run.conclude(1.2)
     read = read_run(run.path, ROBOT)
     motion = replace(read, settings=replace(read.settings, protocol="motion"))
     assert "a trial goes tail first, so the loss, 607.7 mm, has 500 mm added" in warnings(motion)[-1]
     assert not any("tail first" in one for one in warnings(read))
+
+
+def test_a_run_of_before_there_were_verdicts_gets_one(run: Run) -> None:
+    run.conclude(0.3)
+    outcome = json.loads((run.path / "outcome.json").read_text())
+    expected = outcome.pop("verdict")
+    run.folder.write_json("outcome.json", outcome)
+    found = read_run(run.path, ROBOT).verdict
+    assert (found.kind, found.unexplained) == (expected["kind"], pytest.approx(expected["unexplained"], rel=1e-5))
+    unfinished(run)
+    assert read_run(run.path, ROBOT).verdict.sentence.startswith("it has not ended; 7 evaluations are on record")
 
 
 def test_a_random_run_has_no_rounds(tmp_path: Path) -> None:

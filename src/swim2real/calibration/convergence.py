@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from markertrack.track import MarkerTrack
 from swim2real.calibration.file_models import Outcome, RecordedEvaluation
 from swim2real.calibration.run_settings import RunSettings
-from swim2real.optimizers.multi_start import AGREEMENT, agreeing
+from swim2real.optimizers.enough import AGREEMENT, agreeing
 from swim2real.parameters import ParameterSpace
 from swim2real.robots.robot import Sensor
 from swim2real.settings import CalibrationSettings
@@ -18,17 +18,14 @@ from swim2real.trials import Trial
 
 _FALLING = 0.05  # of the loss, by which the last quarter of the budget may lower it in a run that has converged
 _FEW = 10  # evaluations of which nothing is said
-_LATELY = 60.0  # s
 _LEAST = 1e-300  # m, in place of a loss of 0
 _ON_BOUND = 0.005  # of the range
-_UNEXPLAINED = 4.0  # times the noise of the markers, from which a search that is done has not explained the trials
-_PARTS = {"shape_error": "shape", "recoil_error": "recoil", "progress_error": "way", "aligned_marker_error": "markers"}
 _SPREAD = ("first point", "start", "initial")  # sources of points that no search has proposed
 
 
 def incumbent(entries: Sequence[RecordedEvaluation]) -> RecordedEvaluation | None:
     """The entry with the lowest loss of those that didn't fail, the earliest of equals; None when all failed."""
-    return min((entry for entry in entries if not entry.failed), key=lambda entry: entry.loss, default=None)
+    return min((entry for entry in entries if not entry.failed), key=lambda entry: entry.at_most, default=None)
 
 
 def best_losses(entries: Sequence[RecordedEvaluation]) -> list[float]:
@@ -118,9 +115,8 @@ def _scatter(values: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def standing(
-    entries: Sequence[RecordedEvaluation], settings: RunSettings, outcome: Outcome | None, space: ParameterSpace,
-    sensors: Sequence[Sensor] = (),
-) -> tuple[str, ...]:  # fmt: skip
+    entries: Sequence[RecordedEvaluation], settings: RunSettings, outcome: Outcome | None, space: ParameterSpace
+) -> tuple[str, ...]:
     """State of a search without a budget, in sentences; none for a run that a budget ends.
 
     Args:
@@ -128,7 +124,6 @@ def standing(
         settings: Settings of the run.
         outcome: What it found; None for one that was interrupted.
         space: Parameters, on the run's scale.
-        sensors: Sensors that are compared.
     """
     best = incumbent(entries)
     if best is None or (settings.budget is not None and not settings.finish):
@@ -136,30 +131,18 @@ def standing(
     done, ends = _done(entries, outcome), ends_of(entries, outcome)
     near = agreeing([best.loss, *ends]) - 1
     last = _gain_lately(entries)
-    state, more = ("is done", "") if done else ("was cut off", "; --resume goes on with it")
+    state, more = ("is done", "") if done else ("isn't finished", "; --resume goes on with it")
     ended = f"starts followed to their end: {len(ends)}, of which within {100 * AGREEMENT:.0f} % of that: {near}"
     gained = f"lowered the loss by {100 * last:.0f} %" if last >= 0.005 else "gained nothing"
     said = [
         f"the search {state} after {len(entries)} evaluations, at {1e3 * best.loss:.2f} mm{more}",
         ended if ends else "no start has been followed to its end",
-        f"the last minute {gained}",
+        f"the last quarter of the evaluations {gained}",
     ]
-    noise = None if outcome is None else outcome.noise
     places = dict(zip(space.names, space.to_cube(best.values), strict=True))
     bound = [name for name, place in places.items() if not _ON_BOUND < place < 1 - _ON_BOUND]
     if bound:
         said.append(f"at a bound: {', '.join(bound)}; widen the bounds if the robot may lie beyond")
-    if noise and near > 1 and best.loss > _UNEXPLAINED * noise:
-        name, trial = max(best.evidence.trials.items(), key=lambda item: item[1].loss or 0.0)
-        errors = {what: getattr(trial, figure, None) or 0.0 for figure, what in _PARTS.items()}
-        known = dict(list(errors.items())[:-1]) if errors["shape"] else errors  # of which the markers' error is made
-        read = trial.sensor_errors
-        known |= {f"sensor '{one.name}'": one.meters_per_unit * (read.get(one.name) or 0.0) for one in sensors}
-        part = max(known, key=lambda what: known[what])
-        said.append(
-            f"no parameters of this robot explain the trials: {near} descents agree so far above the noise; worst is "
-            f"trial '{name}', most by its {part}, which adds {1e3 * known[part]:.1f} mm"
-        )
     return tuple(said)
 
 
@@ -189,9 +172,7 @@ def ends_of(entries: Sequence[RecordedEvaluation], outcome: Outcome | None) -> l
 
 
 def _gain_lately(entries: Sequence[RecordedEvaluation]) -> float:
-    """Share by which the last minute of evaluations lowered the best loss."""
-    losses, seconds, index = best_losses(entries), 0.0, len(entries) - 1
-    while index > 0 and seconds < _LATELY:
-        seconds += entries[index].seconds or 0.0
-        index -= 1
-    return (losses[index] - losses[-1]) / max(losses[index], _LEAST)
+    """Share by which the last quarter of the evaluations lowered the best loss."""
+    losses = best_losses(entries)
+    before = losses[3 * len(losses) // 4 - 1]
+    return (before - losses[-1]) / max(before, _LEAST)

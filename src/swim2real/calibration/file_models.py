@@ -5,7 +5,7 @@ What is checked here is what is read again; keys that a later version adds are k
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -15,6 +15,9 @@ from swim2real.objective.figures import Fact, FitFigures, Text
 from swimbase.checking import Number
 
 Whole = Annotated[int, Field(strict=True, ge=0, le=10**9)]
+_COARSE = 0.1  # of the loss of a coarse evaluation, by which it may be too low
+
+Kind = Literal["good", "not finished", "not usable"]
 Share = Annotated[float, Field(strict=True, ge=0, le=1)]
 
 
@@ -42,6 +45,7 @@ class _Note(_Part):
     step_size: Number | None = None
     parameter: Text | Whole | None = None  # a name, or an index of the cube
     proposal: Proposal | None = None
+    coarse: bool = False  # whether its time step was longer than the model's own
 
 
 class RecordedEvaluation(_Part):
@@ -56,6 +60,11 @@ class RecordedEvaluation(_Part):
     note: _Note
     evidence: FitFigures
     seconds: Number | None = None
+
+    @property
+    def at_most(self) -> float:
+        """Loss, of a coarse evaluation with the error that it may have [m]: by this the best one is chosen."""
+        return self.loss * (1.0 + _COARSE * self.note.coarse)
 
 
 class TrialSummary(_Part):
@@ -83,11 +92,34 @@ class TrialSummary(_Part):
     sensors: list[Text] = []
 
 
+class Verdict(_Part):
+    """Verdict on what a run's best parameters are worth.
+
+    Attributes:
+        kind: `good`: near the noise, or nothing further explains the trials. `not finished`: a further search probably
+            explains more. `not usable`: too much is unexplained, or a simulation goes wrong.
+        sentence: Reason, with numbers, and what would help.
+        unexplained: Share of the real motion that the fit leaves unexplained; None where nothing was simulated.
+        seconds: Time that a search would probably still take [s]; None for one that is done.
+    """
+
+    kind: Kind
+    sentence: Text
+    unexplained: Number | None = None
+    seconds: Number | None = None
+
+    @property
+    def title(self) -> str:
+        """Kind, as it is shown."""
+        return self.kind.capitalize()
+
+
 class Outcome(_Part):
     """Findings of a run: the content of its `outcome.json`.
 
     Attributes:
         fit: Figures on the fitted trials.
+        verdict: What the best parameters are worth; None in runs of before there was one.
         held_out: Figures on the held-out trials; None without any.
         from_rest: How each fitted trial's beat swims from rest; empty where trials have no beat.
         trials: What was found in each real trial.
@@ -95,7 +127,8 @@ class Outcome(_Part):
         engine: Name and fingerprint of the physics engine.
         marker_names: Names of the markers.
         evaluations: Number of evaluations on record.
-        ending: What ended the search: done, minutes or budget.
+        ending: What ended the search: done, most, budget, minutes or interrupted.
+        conclusion: Reason why it is done, in words; empty otherwise.
         noise: Noise of the markers of the fitted trials, of sensors alone that of what they count as [m].
         ranges: Values of each parameter within which the error rises by less than a tenth, others following; empty
             where the search has no slopes.
@@ -103,6 +136,7 @@ class Outcome(_Part):
     """
 
     fit: FitFigures
+    verdict: Verdict | None = None
     held_out: FitFigures | None = None
     from_rest: dict[str, FromRest] = {}
     trials: dict[str, TrialSummary] = {}
@@ -111,6 +145,7 @@ class Outcome(_Part):
     marker_names: list[Text] = []
     evaluations: Whole = 0
     ending: Text = "budget"
+    conclusion: Text = ""
     noise: Number | None = None
     ranges: dict[str, tuple[Number, Number]] = {}
     late: list[Text] = []

@@ -20,6 +20,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from swim2real.calibration.coarse import CoarseSteps
 from swim2real.calibration.file_models import RecordedEvaluation
 from swim2real.calibration.problem import Problem
 from swim2real.calibration.run_folder import RunFolder
@@ -27,13 +28,31 @@ from swim2real.calibration.sensitivity import Slopes
 from swim2real.objective import Comparison, evidence
 from swim2real.optimizers import Candidate, Evaluation, Optimizer
 from swim2real.parameters import ParameterSpace, Values, write_parameters
-from swim2real.settings import MINUTES
 from swimbase.errors import RunError
 from swimbase.store import writing
 
-Ending = Literal["done", "minutes", "budget"]
+Ending = Literal["done", "most", "budget", "minutes", "interrupted"]
 
 _PRIOR = 0.01  # of the first residual's length: what the way over a parameter's whole range adds
+
+
+@dataclass(frozen=True)
+class Search:
+    """A search as it ended.
+
+    Attributes:
+        ending: What ended it.
+        conclusion: Reason why it is done, in words; empty otherwise.
+        made: Evaluations.
+        ends: Losses at which descents from independent starts ended [m].
+        seconds: Time that it would probably still take [s]; None where that isn't known.
+    """
+
+    ending: Ending = "budget"
+    conclusion: str = ""
+    made: int = 0
+    ends: Sequence[float] = ()
+    seconds: float | None = None
 
 
 @dataclass(frozen=True)
@@ -47,7 +66,7 @@ class Progress:
         best: Lowest loss so far [m].
         note: The optimizer's note on the candidate.
         improved: Whether this one is the new incumbent.
-        seconds_left: Estimate [s]; at most, where there is no budget.
+        seconds_left: Estimate by the pace so far [s]; None for a search that nothing is known to end.
         replayed: True for an evaluation that was read from the record.
         ends: Losses at which descents from independent starts ended [m].
         gained: Share by which the last quarter of the evaluations, those on record included, lowered the best loss:
@@ -60,7 +79,7 @@ class Progress:
     best: float
     note: Mapping[str, Any]
     improved: bool
-    seconds_left: float
+    seconds_left: float | None
     replayed: bool
     ends: Sequence[float] = ()
     gained: float = 1.0
@@ -69,25 +88,25 @@ class Progress:
 def minimize(
     problem: Problem, space: ParameterSpace, optimizer: Optimizer, budget: int | None, folder: RunFolder,
     on_progress: Callable[[Progress], None] = lambda progress: None, prior: NDArray[np.float64] | None = None,
-    minutes: float = MINUTES, slopes: Slopes | None = None, earlier: int = 0,
-) -> tuple[RecordedEvaluation, Ending]:  # fmt: skip
-    """Runs or goes on with a calibration until the budget is spent, or without one until the optimizer is done.
+    minutes: float | None = None, slopes: Slopes | None = None, steps: CoarseSteps | None = None,
+) -> tuple[RecordedEvaluation, Search]:  # fmt: skip
+    """Runs or goes on with a calibration until the optimizer is done or the budget is spent.
 
     Args:
         problem: What evaluates a candidate.
         space: Maps the unit cube to values.
         optimizer: Fresh: recorded evaluations are replayed into it.
-        budget: Simulation evaluations, those on record included; None to search until the optimizer is done.
+        budget: Most simulation evaluations, those on record included; None for any number.
         folder: Locked by the caller, with settings written.
-        on_progress: Called after every evaluation.
+        on_progress: Called after every evaluation. Its KeyboardInterrupt ends the run.
         prior: Point of the unit cube that undetermined parameters stay near; least squares gets the distance as extra
             residuals, a whole range as a hundredth of the first residual. Losses don't contain it. Shape (d,).
-        minutes: Longest search without a budget, evaluations on record apart.
+        minutes: Longest search from its first evaluation that isn't on record; None for any.
         slopes: Takes the residuals that an optimizer asks for.
-        earlier: Evaluations of another method before that search, whose time doesn't count.
+        steps: Evaluates candidates that may be coarse; None for the model's own step in all.
 
     Returns:
-        The record's entry of the incumbent, and what ended the search.
+        The record's entry of the incumbent, and how the search ended.
 
     Raises:
         RunError: The record doesn't fit the optimizer, or the disk failed.
@@ -96,40 +115,34 @@ def minimize(
         raise RunError(f"budget is {budget}; it must be at least 1")
     folder.drop_cut_line()
     best: RecordedEvaluation | None = None
-    started, fresh = time.monotonic(), 0
+    started, fresh, pace = time.monotonic(), 0, 0.0
     ending: Ending = "budget"
     lowest: list[float] = []
-    recorded, scale, ahead = folder.record(), None, _Ahead(problem, space, optimizer)
+    recorded, scale, ahead = folder.record(), None, _Ahead(problem, space, optimizer, steps)
     most = sys.maxsize if budget is None else max(budget, len(recorded))
     for index in itertools.count():
         replayed = index < len(recorded)
-        if index in (len(recorded), earlier):
+        if index == len(recorded):
             started = time.monotonic()
-        if not replayed:
-            if budget is not None and index >= budget:
-                break
-            if budget is None and optimizer.done:
-                ending = "done"
-                break
-            if budget is None and time.monotonic() - started > 60 * minutes:
-                ending = "minutes"
-                break
+        if not replayed and (ended := _ended(optimizer, index, budget, started, minutes)):
+            ending = ended
+            break
         candidate = optimizer.ask()
-        comparison = None
+        comparison, coarse = None, False
         if replayed:
             entry = recorded[index]
             _check_replay(entry, candidate, index, folder, space)
             if optimizer.needs_residual:
-                comparison = ahead.comparison(candidate, most - index)
+                comparison, coarse = ahead.comparison(candidate, most - index)
         else:
             began = time.monotonic()
-            comparison = ahead.comparison(candidate, most - index)
-            content = _entry(index, candidate, space, comparison)
+            comparison, coarse = ahead.comparison(candidate, most - index)
+            content = _entry(index, candidate, space, comparison, coarse)
             content["seconds"] = round(time.monotonic() - began, 3)
             folder.append(content)
             entry = RecordedEvaluation.model_validate(content)
             fresh += 1
-        improved = not entry.failed and (best is None or entry.loss < best.loss)
+        improved = not entry.failed and (best is None or entry.at_most < best.at_most)
         before = best
         if improved or best is None:
             best = entry
@@ -137,7 +150,7 @@ def minimize(
             with writing(folder.best_path, RunError, "--resume goes on"):
                 write_fit(folder.best_path, problem, best.values, loss=best.loss, evaluation=best.index)
         residual = comparison.residual_vector() if comparison is not None and optimizer.needs_residual else None
-        if residual is not None and slopes is not None and not entry.failed:
+        if residual is not None and slopes is not None and not entry.failed and not coarse:
             slopes.add(candidate.point, residual)
         if residual is not None and prior is not None:
             scale = scale or (_PRIOR * float(np.linalg.norm(residual)) if not entry.failed else None)
@@ -145,37 +158,65 @@ def minimize(
         stages = () if residual is None or comparison is None or entry.failed else comparison.residual_stages()
         figures = entry.evidence.model_dump(exclude_unset=True)
         optimizer.tell(Evaluation(candidate, entry.loss, entry.failed, figures, residual, stages))
-        elapsed = time.monotonic() - started
-        left = 60 * minutes - elapsed if budget is None else elapsed / (fresh or index + 1) * (budget - index - 1)
+        pace = (time.monotonic() - started) / (fresh or index + 1)
+        left = [one for one in (optimizer.left, None if budget is None else budget - index - 1) if one is not None]
         lowest.append(best.loss)
         quarter = lowest[3 * len(lowest) // 4 - 1]
         gained = (quarter - best.loss) / max(quarter, 1e-300) if index else 1.0
-        progress = Progress(index + 1, budget, entry.loss, best.loss, candidate.note, improved, left, replayed)
-        on_progress(replace(progress, ends=optimizer.ends, gained=gained))
+        seconds = pace * min(left) if left else None
+        progress = Progress(index + 1, budget, entry.loss, best.loss, candidate.note, improved, seconds, replayed)
+        try:
+            on_progress(replace(progress, ends=optimizer.ends, gained=gained))
+        except KeyboardInterrupt:
+            if replayed:  # nothing is new
+                raise
+            ending = "interrupted"
+            break
     if best is None:
         raise RunError("nothing was evaluated")
-    return best, ending
+    seconds = None if optimizer.left is None else pace * optimizer.left
+    return best, Search(ending, optimizer.conclusion, len(lowest), tuple(optimizer.ends), seconds)
+
+
+def _ended(optimizer: Optimizer, made: int, budget: int | None, started: float, minutes: float | None) -> Ending | None:
+    """What ends a search before its next evaluation; None where nothing does."""
+    if optimizer.done:
+        return "most" if optimizer.gave_up else "done"
+    if budget is not None and made >= budget:
+        return "budget"
+    return "minutes" if minutes is not None and time.monotonic() - started > 60 * minutes else None
 
 
 class _Ahead:
     """Evaluates a candidate together with those that the optimizer will ask next whatever comes of it."""
 
-    def __init__(self, problem: Problem, space: ParameterSpace, optimizer: Optimizer) -> None:
-        self._problem, self._space, self._optimizer = problem, space, optimizer
+    def __init__(
+        self, problem: Problem, space: ParameterSpace, optimizer: Optimizer, steps: CoarseSteps | None
+    ) -> None:
+        self._problem, self._space, self._optimizer, self._steps = problem, space, optimizer, steps
         self._coming: deque[Candidate] = deque()
-        self._comparisons: Iterator[Comparison] = iter(())
+        self._comparisons: Iterator[tuple[Comparison, bool]] = iter(())
 
-    def comparison(self, candidate: Candidate, most: int) -> Comparison:
-        """The comparison of the candidate that was asked last; no more than so many are made at a time."""
+    def comparison(self, candidate: Candidate, most: int) -> tuple[Comparison, bool]:
+        """The comparison of the candidate that was asked last, and whether it is coarse.
+
+        No more than so many are made at a time.
+        """
         if not self._coming:
             self._coming.extend([candidate, *self._optimizer.upcoming()][:most])
             values = [self._space.to_values(one.point) for one in self._coming]
-            self._comparisons = self._problem.evaluate_each(values)
+            if self._steps is None:
+                self._comparisons = ((one, False) for one in self._problem.evaluate_each(values))
+            else:
+                self._comparisons = self._steps.evaluate(values, [one.coarse for one in self._coming])
         self._coming.popleft()
         return next(self._comparisons)
 
 
-def _entry(index: int, candidate: Candidate, space: ParameterSpace, comparison: Comparison) -> dict[str, object]:
+def _entry(
+    index: int, candidate: Candidate, space: ParameterSpace, comparison: Comparison, coarse: bool
+) -> dict[str, object]:
+    note = {name: value for name, value in candidate.note.items() if name != "coarse"}
     return {
         "index": index,
         "loss": comparison.loss,
@@ -183,7 +224,7 @@ def _entry(index: int, candidate: Candidate, space: ParameterSpace, comparison: 
         "reason": comparison.divergence,
         "point": [float(x) for x in candidate.point],
         "values": space.to_values(candidate.point),
-        "note": dict(candidate.note),
+        "note": note | ({"coarse": True} if coarse else {}),
         "evidence": evidence(comparison),
     }
 

@@ -88,7 +88,9 @@ class RunFolder:
                 f"run '{self.path}' can't go on: {name} was {shown(before)} and is now {shown(now)}; "
                 f"use the same settings and reference, or begin a new run"
             )
+        goes_on = settings.method == "multi-start" and not settings.finish
         budget = max(settings.budget, recorded.budget) if settings.budget and recorded.budget else recorded.budget
+        budget = budget if (settings.budget and recorded.budget) or not goes_on else settings.budget
         if (budget, settings.finish) != (recorded.budget, recorded.finish):
             self._write_settings(replace(recorded, budget=budget, finish=settings.finish))
 

@@ -9,6 +9,7 @@ from swim2real.settings import CalibrationSettings, asks_a_vlm
 from swim2real.simulation import Engine
 
 FORMAT = 1
+SEARCH = 2  # what multi-start does: 1 until its starts were led and evaluations had coarse steps
 _FREE = ("budget", "minutes", "threads", "finish")  # may differ when a run goes on
 _ORIGIN = ("robot_file", "reference", "versions", "commit", "created")  # decide nothing
 
@@ -27,6 +28,7 @@ class RunSettings(CalibrationSettings):
         versions: Versions of what the numbers depend on.
         commit: Commit of the checkout; None where swim2real was installed otherwise.
         created: When the run was begun.
+        search: Version of multi-start, by which a record is replayed.
         first_values: Values that it began at where `first` is `FROM_FILE`; None for another first point.
     """
 
@@ -40,6 +42,7 @@ class RunSettings(CalibrationSettings):
     commit: str | None = None
     created: str = ""
     first_values: dict[str, float] | None = None
+    search: int = 1
 
     def difference(self, other: RunSettings) -> tuple[str, Any, Any] | None:
         """The first setting that decides the result and differs: its name, its value here, the other's."""

@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 
 from swim2real.calibration.convergence import noise_of
 from swim2real.calibration.file_models import Outcome
-from swim2real.calibration.loop import Ending
+from swim2real.calibration.loop import Search
 from swim2real.calibration.problem import Problem
 from swim2real.calibration.run_folder import OUTCOME, TRIALS, RunFolder
 from swim2real.calibration.sensitivity import Sensitivity, Slopes
+from swim2real.calibration.verdict import judge
 from swim2real.objective import (
     ComparedBeat,
     ComparedHead,
@@ -59,7 +60,7 @@ class SavedTrial:
 
 def conclude(
     folder: RunFolder, problem: Problem, held_out: Problem | None, values: Values,
-    sensitivity: Sequence[Sensitivity] | None = None, ending: Ending = "budget", slopes: Slopes | None = None,
+    sensitivity: Sequence[Sensitivity] | None = None, search: Search | None = None, slopes: Slopes | None = None,
     late: Sequence[str] = (),
 ) -> Outcome:  # fmt: skip
     """Simulates the best parameters once more, on held-out trials too, and writes figures and trials.
@@ -70,7 +71,7 @@ def conclude(
         held_out: The held-out trials; None without any.
         values: The best parameters.
         sensitivity: Effect of each parameter on the loss, where it was measured.
-        ending: What ended the search.
+        search: How the search ended; None for one of which nothing is known.
         slopes: How the residual changes about the best parameters, where the search knows it.
         late: A sentence for each stream that seems late.
 
@@ -79,8 +80,12 @@ def conclude(
     """
     fit = problem.evaluate(values)
     on_held_out = None if held_out is None else held_out.evaluate(values)
-    swims = problem.check_fit(values)
+    swims, made = problem.check_fit(values), len(folder.record())
+    search = search or Search(made=made)
+    noise = noise_of(problem.trials, problem.robot.trials.sensors)
+    verdict = judge(fit.trials, problem.robot, search, noise, swims)
     content: dict[str, object] = {
+        "verdict": rounded(verdict.model_dump()),
         "fit": evidence(fit),
         "held_out": None if on_held_out is None else evidence(on_held_out),
         **({"from_rest": rounded({name: asdict(swim) for name, swim in swims.items()})} if swims else {}),
@@ -88,9 +93,10 @@ def conclude(
         "sensitivity": None if sensitivity is None else rounded([asdict(s) for s in sensitivity]),
         "engine": problem.engine.as_dict(),
         "marker_names": list(problem.robot.marker_names),
-        "evaluations": len(folder.record()),
-        "ending": ending,
-        "noise": rounded(noise_of(problem.trials, problem.robot.trials.sensors)),
+        "evaluations": made,
+        "ending": search.ending,
+        "conclusion": search.conclusion,
+        "noise": rounded(noise),
         "ranges": {} if slopes is None else {name: list(ends) for name, ends in slopes.ranges().items()},
         "late": list(late),
     }

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -12,11 +12,15 @@ from swim2real.parameters import Parameter, ParameterSpace, Values
 from swim2real.robots.robot import Robot
 from swim2real.robots.targets import Delay
 from swim2real.trials import TrialSet
+from swimbase.arrays import Array
 
 _MOST = 0.1  # s
 _MATTERS = 0.9  # of the error, below which a delay matters
 _EXPLAINED = 0.25  # share of the motion above which a delay says nothing
 _STEPS = 4  # of a search
+_TRIED = (-0.05, -0.015, -0.005, 0.005, 0.015, 0.05)  # s, one of which lowers the error where a delay matters
+_MAY_MATTER = 0.97  # of the error, below which a delay is searched for
+_DIFFERENCE = 0.02  # of a parameter's range
 _TRIALS, _SECONDS = 4, 2.0  # that are compared, s of each
 _LINES = {"commands": 'control "*" delay', "readings": 'sensor "*" delay'}
 
@@ -37,7 +41,8 @@ def delays(robot: Robot, reference: TrialSet, values: Values) -> list[str]:
     as_it_is = [one for trial in trials if streams and (one := base.prepared(trial, values)) is not None]
     if not as_it_is:
         return found
-    begin, _ = base.searched(as_it_is, values, _STEPS)
+    streams = [one for one in streams if _may_matter(Motion(_with_delay(robot, one)), as_it_is, values, one)]
+    begin = base.searched(as_it_is, values, _STEPS)[0] if streams else values
     for stream in streams:
         late, after = Motion(_with_delay(robot, stream)).searched(as_it_is, {**begin, stream: 0.0}, _STEPS)
         own = {name: late[name] for name in robot.space.names}
@@ -51,6 +56,24 @@ def delays(robot: Robot, reference: TrialSet, values: Values) -> list[str]:
             f"parameter with targets = '{_LINES[stream]}', about {seconds:.3f} s{_held(as_it_is, stream, seconds)}"
         )
     return found
+
+
+def _may_matter(motion: Motion, trials: Sequence[Prepared], values: Values, stream: str) -> bool:
+    """Whether some delay leaves clearly less unexplained, once the other parameters follow by their slopes."""
+    space = motion.robot.space
+    point = np.clip(space.to_cube({**values, stream: 0.0}), 0.0, 1.0)
+    changes = np.diag(np.where(point < 0.5, _DIFFERENCE, -_DIFFERENCE))[:-1]
+    ends = [space.to_values(point), *(space.to_values(point + change) for change in changes)]
+    ends += [{**ends[0], stream: seconds} for seconds in _TRIED]
+    made = motion.parts(trials, ends)
+    vectors = [np.concatenate([part.residual for parts in each for part in parts.values()]) for each in made]
+    own, moved, late = vectors[0], vectors[1 : len(point)], vectors[len(point) :]
+    slopes = np.stack([one - own for one in moved], axis=1)
+
+    def left(vector: Array) -> float:
+        return float(np.linalg.norm(vector - slopes @ np.linalg.lstsq(slopes, vector, rcond=1e-3)[0]))
+
+    return min(map(left, late)) < _MAY_MATTER * left(own)
 
 
 def _streams(robot: Robot, reference: TrialSet) -> Iterator[str]:

@@ -111,7 +111,7 @@ def demo(
 
     Args:
         out: Folder to write.
-        budget: Simulation evaluations; by default ten with the advisor, then multi-start, for 45 s at most.
+        budget: Most simulation evaluations; by default the search goes on until it is done.
         seed: Decides the first point and every random choice.
         full: Take all eight films instead of four.
     """
@@ -165,7 +165,9 @@ def _watched(work: Callable[[RunCallbacks], Outcome], budget: int | None, folder
     except KeyboardInterrupt:
         if not RunFolder(folder).exists:
             raise
-        tell(f"interrupted; '{folder}' is usable as it is, --resume goes on with it")
+        outcome = RunFolder(folder).outcome()
+        said = f" {outcome.verdict.sentence}." if outcome is not None and outcome.verdict is not None else ""
+        tell(f"interrupted; '{folder}' is kept as it is, --resume goes on with it.{said}")
         return None
 
 
@@ -174,17 +176,18 @@ def _told(outcome: Outcome, folder: Path, quiet: bool, as_json: bool) -> int:
     from swim2real.api import run_robot
     from swim2real.calibration import RunFolder
     from swim2real.cli import tables
-    from swim2real.report import read_run, standing, warnings, write_report
+    from swim2real.report import read_run, warnings, write_report
     from swim2real.report.tables import parameter_rows
 
     reported = read_run(folder, run_robot(RunFolder(folder)))
     if as_json:
         say_json(outcome.to_json())
     elif not quiet:
+        tables.verdict(reported.verdict)
         tables.parameters(parameter_rows(reported), outcome.ranges)
         _print(outcome, reported.robot.trials.sensors)
     if not as_json and not quiet:
-        for line in standing(reported):
+        for line in reported.standing:
             say(f"{line[0].upper()}{line[1:]}.")
     for warning in warnings(reported):
         tell(f"warning: {warning}")

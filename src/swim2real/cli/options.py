@@ -61,6 +61,7 @@ Policy = Annotated[Path, arg(help="Folder that `train` wrote.")]
 Which = Annotated[Literal["best", "last"], arg(help="best: in the evaluations during training. last: at its end.")]
 Threads = Annotated[int, arg(help="Simulations in parallel; 0 for all cores. Results don't depend on it.")]
 Resume = Annotated[bool, arg(help="Continue what is in --out.")]
+Anyway = Annotated[bool, arg(help="Go on even with a run that isn't usable.")]
 Json = Annotated[bool, arg(help="Print the result as JSON, in SI units.")]
 Quiet = Annotated[bool, arg(help="Print no progress.")]
 

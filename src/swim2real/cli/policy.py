@@ -56,15 +56,16 @@ def train(
         tendon_friction: Share of the rubbing tendon's tension that friction takes.
         noise: Let the policy observe tracked markers with this noise [m], not the true state.
         delay: Age of the tracked markers [control intervals of 20 ms]; by default 2 if only --noise is given.
-        anyway: Train even in a simulator that swims tail first from rest.
+        anyway: Train even in a simulator that isn't usable, or that swims tail first from rest.
     """
     if workers < 0 or threads < 0:
         raise ArgumentError(f"--workers is {workers} and --threads {threads}; they must be 0 or above")
-    from swim2real.cli.subject import robot_for, values_for
+    from swim2real.cli.subject import heed, robot_for, values_for
     from swim2real.identification.ensemble import read_ensemble
     from swim2real.pipeline.training import train as run_training
     from swim2real.rl.conditions import Disturbances, StateEstimate
 
+    heed(parameters, anyway or resume, "train in it")
     cores = os.cpu_count() or 1
     trained = robot_for(parameters, robot)
     phases = (-math.pi, math.pi) if any_phase else (0.0, 0.0)

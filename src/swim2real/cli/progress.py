@@ -121,13 +121,12 @@ def _run_line(p: Progress) -> str:
 
 
 def _left_of(p: Progress) -> str:
-    from swim2real.optimizers.multi_start import agreeing
+    from swim2real.optimizers.enough import agreeing
 
-    left = f"{_clock(max(p.seconds_left, 0.0))} left"
-    if p.budget:
+    left = "" if p.seconds_left is None else f"about {_clock(p.seconds_left)} left"
+    if p.budget or not p.ends:
         return left
-    near = f" ({agreeing(p.ends)} near the best)" if p.ends else ""
-    return f"{len(p.ends)} starts at their end{near}, last quarter gained {100 * p.gained:.0f} %, at most {left}"
+    return f"{agreeing(p.ends)} of {len(p.ends)} finished starts agree, {left}"
 
 
 def _event_line(event: AdvisorEvent) -> str:

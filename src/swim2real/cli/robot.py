@@ -104,7 +104,9 @@ def check(
     return 0 if check_robot(robot, reference, out, threads_or_all) else 1
 
 
-def export_model(parameters: Positional[opt.ValuesPath], *, out: Path, robot: opt.RobotOfValues = None) -> int:
+def export_model(
+    parameters: Positional[opt.ValuesPath], *, out: Path, robot: opt.RobotOfValues = None, anyway: opt.Anyway = False
+) -> int:
     """Write the calibrated simulator as one MJCF file, for any program that loads MuJoCo models.
 
     Reads a run folder or parameters file. The model contains the markers' sensors, and cameras, a light and the water's
@@ -116,13 +118,14 @@ def export_model(parameters: Positional[opt.ValuesPath], *, out: Path, robot: op
     """
     import mujoco
 
-    from swim2real.cli.subject import robot_for
+    from swim2real.cli.subject import heed, robot_for
     from swim2real.parameters import read_parameters
     from swim2real.robots.compiled import largest_difference
     from swim2real.robots.mjcf_files import outside
     from swim2real.viewing.scenery import furnish
     from swimbase.store import write_text, writing
 
+    heed(parameters, anyway, "export it")
     body = robot_for(parameters, robot)
     published = str(parameters) == PUBLISHED
     values = body.space.published if published else read_parameters(parameters, body.name, body.space).values

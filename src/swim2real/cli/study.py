@@ -28,7 +28,8 @@ _OFTEN = 5.0  # s between lines of progress
 
 def identify(
     run: Positional[Path], settings: IdentifiabilitySettings, *, reference: opt.Reference, robot: opt.RobotOfRun = None,
-    again: bool = False, threads: opt.Threads = 0, json: opt.Json = False, quiet: opt.Quiet = False,
+    again: bool = False, anyway: opt.Anyway = False, threads: opt.Threads = 0, json: opt.Json = False,
+    quiet: opt.Quiet = False,
 ) -> int:  # fmt: skip
     """Report which parameters, and combinations of them, the trials determine, with intervals.
 
@@ -43,11 +44,12 @@ def identify(
         again: Start again even if there is a study.
     """
     from swim2real.calibration.convergence import ends_of
-    from swim2real.cli.subject import robot_for
+    from swim2real.cli.subject import heed, robot_for
     from swim2real.identification.finished_run import reopen
     from swim2real.identification.identifiability import IDENTIFIABILITY, IDENTIFIED
     from swim2real.trials import load_reference
 
+    heed(run, anyway, "study it")
     opened = reopen(run, load_reference(reference), robot_for(run, robot), all_cores(threads))
     begins = again or not (run / IDENTIFIABILITY).is_file()  # else it was said before, or nothing is left to simulate
     if begins and not quiet and len(ends_of(opened.folder.record(), opened.folder.outcome())) < 2:
@@ -168,7 +170,8 @@ def ensemble(
 
 def next_trial(
     run: Positional[Path], *, reference: opt.Reference, robot: opt.RobotOfRun = None, out: Path | None = None,
-    threads: opt.Threads = 0, seed: int = 0, json: opt.Json = False, quiet: opt.Quiet = False,
+    anyway: opt.Anyway = False, threads: opt.Threads = 0, seed: int = 0, json: opt.Json = False,
+    quiet: opt.Quiet = False,
 ) -> int:  # fmt: skip
     """Propose the trial to film next: the one that would narrow the sets that fit the most.
 
@@ -183,7 +186,7 @@ def next_trial(
         seed: Decides which of the sets are compared.
     """
     from motorline.commands import FISH, read_table
-    from swim2real.cli.subject import robot_for
+    from swim2real.cli.subject import heed, robot_for
     from swim2real.cli.tables import progress_console
     from swim2real.identification.finished_run import reopen
     from swim2real.identification.next_trial import COMMANDS, fitting_sets, judged_trials, write_next
@@ -194,6 +197,7 @@ def next_trial(
 
     if seed < 0:
         raise ArgumentError(f"--seed is {seed}; it must be 0 or above")
+    heed(run, anyway, "use it")
     opened = reopen(run, load_reference(reference), robot_for(run, robot), all_cores(threads))
     sets, folder, console = fitting_sets(opened), out or run / "next", progress_console()
     possible = possible_trials(opened.problem, opened.space.to_values(sets.lowest))

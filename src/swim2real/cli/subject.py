@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
-from swim2real.calibration import Problem
+from swim2real.calibration import Problem, RunFolder
 from swim2real.cli.options import DEFAULT_ROBOT, PUBLISHED
 from swim2real.cli.terminal import tell
 from swim2real.parameters import read_parameters, robot_of
@@ -15,7 +15,7 @@ from swim2real.robots.robot import Robot
 from swim2real.settings import EvaluationSettings
 from swim2real.simulation import Engine
 from swim2real.trials import load_reference
-from swimbase.errors import ArgumentError, ParameterError, RobotError
+from swimbase.errors import ArgumentError, ParameterError, RobotError, RunError
 
 
 class Simulates(Protocol):
@@ -36,6 +36,31 @@ def robot_for(path: Path, given: str | None = None) -> Robot:
         return load_robot(name)
     except (ArgumentError, RobotError) as error:
         raise ParameterError(f"'{path}' is for another robot: {error}") from error
+
+
+def heed(path: Path, anyway: bool, what: str) -> None:
+    """Heeds the verdict on a run whose values are to be used: what isn't finished gets a warning.
+
+    Args:
+        path: Run folder, or a parameters file, of which no verdict is known.
+        anyway: Only warn of a run that isn't usable, too.
+        what: What is to be done with the values, as in "train in it".
+
+    Raises:
+        RunError: The run isn't usable.
+    """
+    folder = RunFolder(path)
+    if not path.is_dir() or not folder.exists:
+        return
+    outcome = folder.outcome()
+    verdict = None if outcome is None else outcome.verdict
+    if outcome is None:
+        tell(f"warning: run '{path}' isn't finished; --resume goes on with it")
+    elif verdict is not None and verdict.kind != "good":
+        said = f"run '{path}' is {verdict.kind}: {verdict.sentence}"
+        if verdict.kind == "not usable" and not anyway:
+            raise RunError(f"{said}. To {what} all the same, add --anyway")
+        tell(f"warning: {said}")
 
 
 @dataclass(frozen=True)

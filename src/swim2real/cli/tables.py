@@ -16,6 +16,7 @@ from swim2real.objective.figures import SENSORS, FitFigures, figure_values, figu
 from swimbase.escaping import visible
 
 if TYPE_CHECKING:
+    from swim2real.calibration import Verdict
     from swim2real.calibration.sensitivity import Sensitivity
     from swim2real.report.tables import ParameterRow
     from swim2real.robots.robot import Sensor
@@ -44,6 +45,17 @@ _TEXTS = ("driven by", "finding", _WORST)  # columns of words
 def progress_console() -> PlainConsole:
     """A console on standard error, for progress."""
     return PlainConsole(stderr=True, soft_wrap=True)
+
+
+def verdict(found: Verdict) -> None:
+    """Prints the verdict on a run, its kind in color."""
+    style = {"good": "bold green", "not finished": "bold yellow", "not usable": "bold red"}[found.kind]
+    text = Text(f"{found.title}.", style=style)
+    console.print(text.append(f" {visible(_sentence(found.sentence))}", style="not bold default"), soft_wrap=True)
+
+
+def _sentence(text: str) -> str:
+    return f"{text[0].upper()}{text[1:]}."
 
 
 def millimeters(value: float | None) -> str:

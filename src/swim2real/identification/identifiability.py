@@ -25,7 +25,7 @@ from swim2real.calibration.sensitivity import Slopes
 from swim2real.identification.evaluated import EvaluatedPoint, evaluated, independent_numbers
 from swim2real.identification.finished_run import FinishedRun
 from swim2real.identification.posterior import BATCH, Posterior, draw, first_points
-from swim2real.optimizers.multi_start import AGREEMENT, agreeing
+from swim2real.optimizers.enough import AGREEMENT, agreeing
 from swim2real.parameters import Values
 from swim2real.robots.robot import Robot
 from swim2real.settings import IdentifiabilitySettings

@@ -72,3 +72,10 @@ def main_amplitudes(positions: Array, weights: Array) -> Array:
     count = known.all(axis=2).sum(axis=0)
     covariance = np.einsum("tmi,tmj->mij", deviations, deviations) / np.maximum(count, 1)[:, None, None]
     return np.where(count > 0, np.sqrt(np.linalg.eigvalsh(covariance)[:, -1].clip(0.0)), np.nan)
+
+
+def extent(positions: Array, weights: Array) -> float:
+    """Root mean square distance of markers from their mean places [m]. Shapes (T, M, 2) and (T, M)."""
+    known = (weights > 0) & np.isfinite(positions).all(axis=2)
+    apart = np.where(known[:, :, None], positions - finite_mean(np.where(known[:, :, None], positions, np.nan)), 0.0)
+    return float(np.linalg.norm(apart)) / np.sqrt(max(int(known.sum()), 1))

@@ -59,6 +59,11 @@ class Candidate:
     point: Array
     note: Mapping[str, Any] = field(default_factory=dict[str, object])
 
+    @property
+    def coarse(self) -> bool:
+        """Whether an error of some percent doesn't matter to who asks, as its note says."""
+        return bool(self.note.get("coarse"))
+
 
 @dataclass(frozen=True)
 class Evaluation:
@@ -92,11 +97,13 @@ class Optimizer(ABC):
 
     Attributes:
         needs_residual: Whether tell() needs residuals; they aren't recorded, so resuming simulates again.
-        done: Whether it expects to find nothing better; evaluations alone decide it, never time.
+        conclusion: The reason why it is done, in words; empty as long as it isn't.
+        gave_up: Whether that is no evidence, but the number of its evaluations.
     """
 
     needs_residual: bool = False
-    done: bool = False
+    conclusion: str = ""
+    gave_up: bool = False
 
     def __init__(self, dimension: int) -> None:
         self.dimension = dimension
@@ -129,9 +136,19 @@ class Optimizer(ABC):
         self._learn(evaluation)
 
     @property
+    def done(self) -> bool:
+        """Whether it expects to find nothing better, or has gone on for too long; evaluations alone decide it."""
+        return bool(self.conclusion)
+
+    @property
     def ends(self) -> Sequence[float]:
         """Losses at which descents from independent starts have come to their end."""
         return ()
+
+    @property
+    def left(self) -> int | None:
+        """Evaluations that it probably needs until it is done; None for one that never is."""
+        return None
 
     def upcoming(self) -> Sequence[Candidate]:
         """The candidates that come after the last one whatever its evaluation is, so that they may be made ahead."""
@@ -183,6 +200,10 @@ class Sequel(Optimizer):
     def ends(self) -> Sequence[float]:
         return self._current.ends
 
+    @property
+    def left(self) -> int | None:
+        return None if self._left else self._current.left
+
     def upcoming(self) -> Sequence[Candidate]:
         return () if self._left else self._current.upcoming()
 
@@ -191,8 +212,8 @@ class Sequel(Optimizer):
 
     def _learn(self, evaluation: Evaluation) -> None:
         self._current.tell(evaluation)
-        self.done = not self._left and self._current.done
         if not self._left:
+            self.conclusion, self.gave_up = self._current.conclusion, self._current.gave_up
             return
         self._left -= 1
         if not evaluation.failed and (self._best is None or evaluation.loss < self._best.loss):

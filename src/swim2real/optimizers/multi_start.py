@@ -10,6 +10,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from swim2real.optimizers.contract import Array, Candidate, Evaluation, Optimizer, cube_point
+from swim2real.optimizers.enough import Sizes, conclusion, needed
 from swim2real.optimizers.interpolated_descent import (
     BRIEF,
     EXACT,
@@ -31,9 +32,9 @@ _FORMING_TRUST = 0.4  # of it, as all that follow
 _START_RADIUS, _WIDE_RADIUS, _CLOSE_RADIUS = 0.05, 0.1, 0.02
 _WORTHWHILE = 0.95  # share of the loss to which going the way from an end again must lower it, to be repeated
 _DEEPER = 0.99  # and the same of going to its bottom
-_AGREEING = {0: 3, 6: 2, 12: 1}  # after so many ends, how many that agree with the best end a search
-AGREEMENT = 0.1  # of the lowest loss, within which ends agree
-
+_MOST, _FEW = 120, 5  # evaluations per parameter after which a search ends anyway, of as many more than there are
+_COARSE = {"coarse": True}  # in notes: what comes before the whole residual needs no exact loss
+_TYPICAL = 15  # evaluations per parameter until the first end, as progress is reported before it
 Start: TypeAlias = tuple[int, Evaluation]
 
 
@@ -48,18 +49,24 @@ class MultiStart(Optimizer):
     choose first, begin with the last eased stage, as all do where there is no other. The best of a group is followed to
     its end: the whole residual on points far apart, which see past what is rough, then the last stage on points close
     together. From an end that is the best so far the way is gone again, and then its last part, as long as that lowers
-    it. When no start is left, new ones are random.
+    it. When no start is left, new ones are random. The search is done when another start isn't worth its evaluations,
+    or after a large number of them.
     """
 
     needs_residual = True
 
-    def __init__(self, starts: Sequence[Array], rng: np.random.Generator, smooth: bool = False) -> None:
+    def __init__(
+        self, starts: Sequence[Array], rng: np.random.Generator, smooth: bool = False, sizes: Sizes | None = None,
+        led: bool = False,
+    ) -> None:  # fmt: skip
         """Prepares the search.
 
         Args:
             starts: Points to begin from, the run's first point first. Shapes (d,).
             rng: Generator of further starts.
             smooth: Whether the residual changes smoothly with the parameters, so that few vain steps end a descent.
+            sizes: Noise and motion of the trials; by default only ends decide when it is done.
+            led: Whether the first start is known to be good, so that it is followed before the others are evaluated.
 
         Raises:
             OptimizerError: There is no start.
@@ -74,10 +81,21 @@ class MultiStart(Optimizer):
         self._search, self._followed = self._run(), dict[int, Evaluation]()
         self._batch: deque[Candidate] = deque()
         self._told: list[Evaluation] = []
+        self._sizes, self._led, self._made, self._ended = sizes or Sizes(), led, 0, 0
+        self._most = _MOST * (self.dimension + _FEW)
 
     @property
     def ends(self) -> Sequence[float]:
         return [one.loss for one in self._followed.values()]
+
+    @property
+    def left(self) -> int:
+        """Evaluations that it probably needs until it is done, by those until the ends so far."""
+        count, begun = len(self.ends), 1 if self._led else len(self._starts)
+        each = (self._ended - begun) / count if count else _TYPICAL * self.dimension
+        wanted = max(needed(self.ends, self._sizes) - count, 1)
+        ended = self._ended if count else begun
+        return max(min(round(ended + wanted * each), self._most) - self._made, 1)
 
     def upcoming(self) -> Sequence[Candidate]:
         return tuple(self._batch)
@@ -94,13 +112,22 @@ class MultiStart(Optimizer):
         if evaluation.stages:
             self._eased = max(len(evaluation.stages) - 3, 0)
         self._told.append(evaluation)
+        self._made += 1
+        if self._made >= self._most and not self.conclusion:
+            self.conclusion, self.gave_up = f"{self._made} evaluations are the most of a search", True
 
     def _run(self) -> Search[None]:
         first, *others = self._starts
-        starts = [Candidate(point, {"source": "start", "start": number}) for number, point in enumerate(others, 2)]
-        begun = yield [Candidate(first, {"source": "first point"}), *starts]
-        self._waiting = {number: one for number, one in enumerate(begun, 1) if not one.failed}
-        self._numbers = count(len(begun) + 1)
+        starts = [
+            Candidate(point, {"source": "start", "start": number, **_COARSE}) for number, point in enumerate(others, 2)
+        ]
+        begun = yield [Candidate(first, {"source": "first point"}), *starts[: 0 if self._led else None]]
+        if self._led:
+            if not begun[0].failed:
+                yield from self._follow([(1, begun[0])])
+            begun = (yield starts) if starts else []
+        self._waiting = {number: one for number, one in enumerate(begun, 1 + self._led) if not one.failed}
+        self._numbers = count(len(self._starts) + 1)
         while True:
             swimming = yield from self._taken(_EASED, self._eased)
             yield from self._follow(swimming)
@@ -115,8 +142,8 @@ class MultiStart(Optimizer):
         end = self._followed[number] = yield from self._to_the_end(points, {"start": number})
         if end.loss <= min(self.ends):
             yield from self._deeper(end, number)
-        wanted = min(agree for ends, agree in _AGREEING.items() if len(self.ends) >= ends)
-        self.done = agreeing(self.ends) >= wanted
+        self._ended = self._made
+        self.conclusion = self.conclusion or conclusion(self.ends, self._sizes)
 
     def _formed(self, begun: list[Start]) -> Search[Start]:
         """The start whose body comes nearest, and of the points that are as near the one that also swims best."""
@@ -126,7 +153,7 @@ class MultiStart(Optimizer):
             formed = sorted(formed, key=lambda one: one[1].squares[0])[: max(len(formed) // 2, 1)]
             begun = [(number, points.best) for number, points in formed]
         number, points = formed[0]
-        alike = yield from points.alike(_ALIKE * self.dimension, self._rng, {"start": number})
+        alike = yield from points.alike(_ALIKE * self.dimension, self._rng, {"start": number, **_COARSE})
         known = [one for one in (points.best, *alike) if not one.failed]
         return number, min(known, key=lambda one: squares(one, self._eased))
 
@@ -137,7 +164,7 @@ class MultiStart(Optimizer):
             if not self._waiting:
                 number = next(self._numbers)
                 point = cube_point(self._rng.random(self.dimension))
-                (one,) = yield [Candidate(point, {"source": "start", "start": number})]
+                (one,) = yield [Candidate(point, {"source": "start", "start": number, **_COARSE})]
                 self._waiting.update({} if one.failed else {number: one})
                 continue
             heights = {number: squares(one, stage) for number, one in self._waiting.items()}
@@ -146,13 +173,13 @@ class MultiStart(Optimizer):
         return taken
 
     def _form(self, number: int, base: Evaluation, radius: float) -> Search[tuple[int, Surrounded]]:
-        points = yield from surround(base, radius, {"start": number})
-        yield from go_down(points, 0, EXACT, {"start": number}, _FORMING_TRUST)
+        points = yield from surround(base, radius, {"start": number, **_COARSE})
+        yield from go_down(points, 0, EXACT, {"start": number, **_COARSE}, _FORMING_TRUST)
         return number, points
 
     def _ease(self, number: int, base: Evaluation) -> Search[tuple[int, Surrounded]]:
-        points = yield from surround(base, _START_RADIUS, {"start": number})
-        yield from go_down(points, self._eased, self._brief, {"start": number}, _WIDE_RADIUS)
+        points = yield from surround(base, _START_RADIUS, {"start": number, **_COARSE})
+        yield from go_down(points, self._eased, self._brief, {"start": number, **_COARSE}, _WIDE_RADIUS)
         return number, points
 
     def _to_the_end(self, points: Surrounded, note: Mapping[str, Any]) -> Search[Evaluation]:
@@ -161,12 +188,16 @@ class MultiStart(Optimizer):
         return (yield from self._to_the_bottom(base, note))
 
     def _to_the_bottom(self, base: Evaluation, note: Mapping[str, Any]) -> Search[Evaluation]:
+        if base.candidate.coarse:
+            (exact,) = yield [Candidate(base.candidate.point, {"source": "again", **note})]
+            base = base if exact.failed else exact
         points = yield from surround(base, _CLOSE_RADIUS, note)
         return (yield from go_down(points, len(base.stages) - 1, EXACT, {**note, "last": True}, _WIDE_RADIUS))
 
     def _all_the_way(self, base: Evaluation, note: Mapping[str, Any]) -> Search[Evaluation]:
-        points = yield from surround(base, _WIDE_RADIUS, note)
-        yield from go_down(points, self._eased, self._brief, note)
+        coarse = {**note, **_COARSE}
+        points = yield from surround(base, _WIDE_RADIUS, coarse)
+        yield from go_down(points, self._eased, self._brief, coarse)
         return (yield from self._to_the_end(points, note))
 
     def _deeper(self, best: Evaluation, number: int) -> Search[None]:
@@ -177,8 +208,3 @@ class MultiStart(Optimizer):
                 before = best.loss
                 end = yield from way(best, {"start": number})
                 best = self._followed[number] = min(best, end, key=lambda one: one.loss)
-
-
-def agreeing(ends: Sequence[float]) -> int:
-    """Number of descents that ended within a tenth of the best one's loss, that one included."""
-    return sum(end <= (1 + AGREEMENT) * min(ends) for end in ends)

@@ -23,7 +23,6 @@ from swim2real.robots.robot import Robot
 from swim2real.settings import (
     FIRST,
     FROM_FILE,
-    MINUTES,
     PAPER_BUDGET,
     PHYSICS,
     CalibrationSettings,
@@ -60,16 +59,19 @@ def calibrate(
         on_warning: Called with a sentence for all that is probably wrong with the trials; None doesn't look.
 
     Returns:
-        The outcome, as `conclude` describes it. On KeyboardInterrupt the folder holds a usable, resumable run.
+        The outcome, as `conclude` describes it.
 
     Raises:
+        KeyboardInterrupt: A callback raised it. The folder holds a resumable run whose outcome says so.
         Swim2RealError: Something is wrong, which its sentence names.
     """
     robot.check_trials(reference)
+    fitted, unseen = reference.split(settings.hold_out)
     folder = calibration.RunFolder(out)
-    begun, minutes = folder.settings() if resume else None, settings.minutes or MINUTES
+    begun = folder.settings() if resume else None
     if begun is not None and begun.budget is not None and (settings.budget is None or begun.finish):
-        settings = replace(settings, method=begun.method, budget=begun.budget, finish=True)
+        finish = begun.finish or begun.method != "multi-start"  # which goes on by itself
+        settings = replace(settings, method=begun.method, budget=begun.budget if finish else None, finish=finish)
     if on_warning is not None:
         check_targets(robot)
         begins = started(robot, reference)
@@ -78,7 +80,6 @@ def calibrate(
             lines += [*growing(begins, reference, settings.horizon), *filter(None, [other_start(robot, reference)])]
         for line in lines:
             on_warning(line)
-    fitted, unseen = reference.split(settings.hold_out)
     problem = calibration.Problem.with_settings(robot, fitted, settings)
     held_out = None if unseen is None else problem.of(unseen)
     for name, found in problem.examinations().items():
@@ -106,16 +107,24 @@ def calibrate(
         if advisor is not None:  # advice on record isn't asked for again
             notes = (entry.model_dump(include={"point", "note"}, exclude_unset=True) for entry in folder.record())
             advisor = ScriptedAdvisor(recorded_advice(notes), then=advisor)
-        optimizer = make_optimizer(resolved, robot, space, advisor, resolved.first_values)
+        optimizer = make_optimizer(
+            resolved, robot, space, advisor, resolved.first_values, sizes=calibration.sizes_of(problem),
+            led=resolved.search > 1,
+        )  # fmt: skip
         first = space.published if resolved.first == "model" else resolved.first_values
         slopes = calibration.Slopes(space)
-        best, ending = calibration.minimize(
+        best, search = calibration.minimize(
             problem, space, optimizer, None if resolved.finish else resolved.budget, folder, on_progress,
-            None if first is None else space.to_cube(first), minutes, slopes, resolved.budget or 0,
+            None if first is None else space.to_cube(first), settings.minutes, slopes,
+            calibration.CoarseSteps(problem) if resolved.search > 1 and resolved.method == "multi-start" else None,
         )  # fmt: skip
-        effects = calibration.sensitivities(problem, space, best.values) if sensitivity else None
-        late = [] if on_warning is None else delays(started(robot, fitted), fitted, best.values)
-        return calibration.conclude(folder, problem, held_out, best.values, effects, ending, slopes, late)
+        interrupted = search.ending == "interrupted"  # whoever did it doesn't want to wait
+        effects = calibration.sensitivities(problem, space, best.values) if sensitivity and not interrupted else None
+        late = [] if on_warning is None or interrupted else delays(started(robot, fitted), fitted, best.values)
+        outcome = calibration.conclude(folder, problem, held_out, best.values, effects, search, slopes, late)
+        if interrupted:
+            raise KeyboardInterrupt
+        return outcome
 
 
 def _resolved(
@@ -134,10 +143,9 @@ def _resolved(
         first = begun.first
     if first == "auto":
         first = "model" if protocol == "playback" and (settings.seed == 0 or starts > 1) else "random"
-    first_values = None
+    first_values, source_run = None, replayed_run(settings.advisor)
+    earlier = begun or (None if source_run is None else calibration.RunFolder(source_run).settings())
     if first == FROM_FILE:
-        source_run = replayed_run(settings.advisor)
-        earlier = begun or (None if source_run is None else calibration.RunFolder(source_run).settings())
         first_values = None if earlier is None else earlier.first_values
     elif first not in FIRST:
         first, first_values = FROM_FILE, read_parameters(first, robot.name, robot.space).values
@@ -153,6 +161,7 @@ def _resolved(
     return calibration.RunSettings(
         **vars(chosen),
         first_values=first_values,
+        search=calibration.SEARCH if earlier is None else earlier.search,
         robot=robot.name,
         robot_fingerprint=None if robot.source is None else fingerprint(robot.source),
         robot_file=None if robot.source is None else path_from(folder, robot.source),

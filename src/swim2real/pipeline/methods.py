@@ -3,22 +3,25 @@
 from __future__ import annotations
 
 import pkgutil
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from swim2real import optimizers
+from swim2real.advisor import make_advisor
 from swim2real.methods import METHODS
 from swim2real.optimizers.callback import CallbackSolver
+from swim2real.optimizers.enough import Sizes
 from swim2real.optimizers.mujoco_sysid import least_squares as solver
 from swim2real.parameters import ParameterSpace, Values
 from swim2real.robots.robot import Robot
-from swim2real.settings import PAPER_BUDGET, CalibrationSettings
+from swim2real.settings import PAPER_BUDGET, PHYSICS, CalibrationSettings
 from swimbase.arrays import Array
 from swimbase.errors import ArgumentError
 
 _INSIDE = 0.02  # of a parameter's range
 _STARTS_PER_PARAMETER = 2.5  # of method multi-start
+_LED = 10  # evaluations by which the physics advisor finds where multi-start begins, where a response is known
 
 
 @dataclass(frozen=True)
@@ -32,6 +35,8 @@ class Start:
         first: First point. Shape (d,).
         rng: Random stream of the optimizer.
         advisor: Who proposes, None without one.
+        sizes: Noise and motion of the trials.
+        led: Whether the physics advisor, or the method before a finish, finds where multi-start begins first.
     """
 
     robot: Robot
@@ -40,11 +45,13 @@ class Start:
     first: Array
     rng: np.random.Generator
     advisor: optimizers.Advisor | None
+    sizes: Sizes
+    led: bool
 
 
 def make_optimizer(
     settings: CalibrationSettings, robot: Robot, space: ParameterSpace, advisor: optimizers.Advisor | None = None,
-    begin: Values | None = None,
+    begin: Values | None = None, *, sizes: Sizes | None = None, led: bool = True,
 ) -> optimizers.Optimizer:  # fmt: skip
     """The optimizer of a run's settings, fresh.
 
@@ -56,6 +63,9 @@ def make_optimizer(
         advisor: Who proposes, where the method is advised.
         begin: Values of the first point; None for the seed's, or for the model's own, a little off the bounds, where
             differences can be taken both ways.
+        sizes: Noise and motion of the trials, by which multi-start judges whether it is done.
+        led: Whether multi-start first follows the best point of the physics advisor, where the robot's response is
+            known, or of the method that it finishes; runs of before don't.
 
     Raises:
         ArgumentError: The method needs an advisor and there is none, or stages that the robot hasn't.
@@ -68,12 +78,11 @@ def make_optimizer(
         first = space.to_cube(begin)
     _, rng, _ = optimizers.streams(settings.seed)
     budget = settings.budget
-    optimizer = pkgutil.resolve_name(METHODS[settings.chosen_method].make)(
-        Start(robot, space, settings, first, rng, advisor)
-    )
+    start = Start(robot, space, settings, first, rng, advisor, sizes or Sizes(), led)
+    optimizer = pkgutil.resolve_name(METHODS[settings.chosen_method].make)(start)
     if settings.finish and budget is not None:
         later = np.random.default_rng([settings.seed, budget])
-        return optimizers.Sequel(optimizer, budget, lambda best: _spread_starts(robot, best, later))
+        return optimizers.Sequel(optimizer, budget, lambda best: _spread_starts(start, best, later, led))
     return optimizer
 
 
@@ -103,10 +112,10 @@ def proposal_search(start: Start) -> optimizers.Optimizer:
     return _descent(start, optimizers.ProposalSearch)
 
 
-def _spread_starts(robot: Robot, first: Array, rng: np.random.Generator) -> optimizers.MultiStart:
-    count = round(_STARTS_PER_PARAMETER * len(first))
+def _spread_starts(start: Start, first: Array, rng: np.random.Generator, led: bool) -> optimizers.MultiStart:
+    count, robot = round(_STARTS_PER_PARAMETER * len(first)), start.robot
     smooth = robot.trials.steady and robot.swims.slow_mode  # swims at full length end at no threshold
-    return optimizers.MultiStart([first, *_spread(len(first), count - 1, rng)], rng, smooth)
+    return optimizers.MultiStart([first, *_spread(len(first), count - 1, rng)], rng, smooth, start.sizes, led)
 
 
 def _spread(dimension: int, count: int, rng: np.random.Generator) -> list[Array]:
@@ -156,8 +165,12 @@ def least_squares(start: Start) -> optimizers.Optimizer:
 
 
 def multi_start(start: Start) -> optimizers.Optimizer:
-    """The method multi-start."""
-    return _spread_starts(start.robot, start.first, start.rng)
+    """The method multi-start; where the robot's response is known, the physics advisor finds its first start."""
+    robot = start.robot
+    if not (start.led and robot.trials.steady and robot.swims.response is not None):
+        return _spread_starts(start, start.first, start.rng, led=False)
+    advised = replace(start, advisor=make_advisor(PHYSICS, robot, start.space, start.settings.seed))
+    return optimizers.Sequel(line_search(advised), _LED, lambda best: _spread_starts(start, best, start.rng, led=True))
 
 
 def mujoco_sysid(start: Start) -> optimizers.Optimizer:

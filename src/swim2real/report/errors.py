@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -10,7 +9,6 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from swim2real.calibration.convergence import ends_of
 from swim2real.formatting import NOTHING, mm, significant
 from swim2real.objective.figures import (
     AVERAGED,
@@ -24,13 +22,9 @@ from swim2real.objective.figures import (
     sensor_figure,
 )
 from swim2real.objective.trial import TAIL_FIRST_LOSS
-from swim2real.optimizers.multi_start import agreeing
 from swim2real.report.run import ReportedRun
 from swimbase.arrays import Array
 
-_POOR = 0.5  # of the size of the motion: an error above it is bad
-_FAR, _UNEXPLAINED = 10.0, 0.1  # times the noise, and of the motion: above both it may be bad as well
-_AT_NOISE = 1.5  # times the noise, up to which nothing more can be asked for
 _SUMS = ("loss", "motion_error", "aligned_marker_error", "marker_error")  # of which the others are parts
 _LARGE = ("loss", "motion_error", "recoil_error", "aligned_marker_error", "shape_error", "velocity_error")
 
@@ -105,9 +99,8 @@ def _unregistered(run: ReportedRun) -> str:
 
 
 def warnings(run: ReportedRun) -> tuple[str, ...]:
-    """Warnings to read before the best parameters are used: those of the run, and that the fit is bad where it is."""
-    said, bad = _scaled(run)
-    found = [*run.warnings, said] if bad else [*run.warnings]
+    """Warnings to read before the best parameters are used."""
+    found = [*run.warnings]
     loss = run.of_best.fit.loss or 0.0
     if loss >= TAIL_FIRST_LOSS and run.settings.protocol == "motion":
         found.append(
@@ -115,60 +108,6 @@ def warnings(run: ReportedRun) -> tuple[str, ...]:
             f"errors are without it"
         )
     return tuple(found)
-
-
-def standing(run: ReportedRun) -> tuple[str, ...]:
-    """State of the search, and how good its fit is, in sentences; a bad fit is among the warnings."""
-    said, bad = _scaled(run)
-    return run.standing if bad or not said else (*run.standing, said)
-
-
-def _scaled(run: ReportedRun) -> tuple[str, bool]:
-    """Quality of the fit, in a sentence, and whether it is bad; empty where all trials diverged.
-
-    The scale is the noise of the data, the size of the real motion, and what other starts came to. The size is the root
-    mean square distance of the real markers from their mean places, on the way of a trial that is scored by it, else in
-    the frame of comparison, and how far readings are from their means, as they count. Half of it is bad;
-    so is a tenth far above the noise, of readings, or where no two of several starts agree.
-    """
-    sizes: list[tuple[float, float]] = []
-    for trial in (one.compared for one in run.saved if not one.held_out and one.compared.divergence is None):
-        spread = sum(sensor.meters_per_unit * float(np.nanstd(sensor.real)) for sensor in trial.sensors)
-        if not run.robot.marker_names:
-            sizes.append((trial.loss, spread))
-            continue
-        real = trial.real if trial.progress is None else trial.path_real
-        seen = (trial.weights > 0) & np.isfinite(real).all(axis=2)
-        count = np.maximum(seen.sum(axis=0), 1)[:, None]
-        places = np.where(seen[:, :, None], real, 0.0)
-        apart = np.where(seen[:, :, None], places - places.sum(axis=0) / count, 0.0)
-        moved = float(np.linalg.norm(apart)) / math.sqrt(max(int(seen.sum()), 1))
-        off = sum(sensor.meters_per_unit * sensor.error for sensor in trial.sensors)
-        sizes.append((float(getattr(trial, trial.loss_figure)) + off, moved + spread))
-    error = float(np.mean([one for one, _ in sizes])) if sizes else 0.0
-    size, noise = math.hypot(*(one for _, one in sizes)) / math.sqrt(max(len(sizes), 1)), run.of_best.noise
-    if not size:
-        return "", False
-    ends = ends_of(run.entries, run.outcome)
-    apart = len(ends) > 1 and agreeing(ends) == 1
-    far = bool(noise) and error > max(_FAR * (noise or 0.0), _UNEXPLAINED * size)
-    bad = error > _POOR * size or (far and (apart or not run.robot.marker_names))
-    names = ["markers"] * bool(run.robot.marker_names) + ["readings"] * bool(run.robot.trials.sensors)
-    what = f"{' and '.join(names)} {'vary, as they count,' if 'readings' in names else 'move'}"
-    kind = " is bad" if bad else ""
-    if noise and not bad:
-        kind = " is as good as the noise lets it be" if error <= _AT_NOISE * noise else " is above the noise"
-    times = f", {error / noise:.{0 if error > 9.5 * noise else 1}f} times the noise of the data" if noise else ""
-    found = f"; of {len(ends)} starts the next best ended at {1e3 * sorted(ends)[1]:.3g} mm" if len(ends) > 1 else ""
-    look = "film and the charts" if run.robot.marker_names else "charts"
-    lacks = ", add what the model lacks (behind # in its robot file)" if run.robot.source else ""
-    advice = f"; look at the {look} for what is wrong{lacks}, or try other seeds (--seeds 0:3), without --budget" * bad
-    share = 100 * error / size
-    return (
-        f"the fit{kind}: its error is {1e3 * error:.3g} mm{times}, and the real {what} by {1e3 * size:.3g} mm about "
-        f"their mean places (root mean square), so it leaves {share:.{0 if share > 1.5 else 2}f} % of the motion "
-        f"unexplained{found}{advice}"
-    ), bad
 
 
 @dataclass(frozen=True)

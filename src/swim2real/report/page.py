@@ -11,7 +11,7 @@ import numpy as np
 from swim2real.calibration import SavedTrial
 from swim2real.calibration.convergence import best_losses, incumbent
 from swim2real.report.determined import Determined, determined
-from swim2real.report.errors import ErrorRow, MarkerErrors, error_rows, marker_errors, standing, warnings
+from swim2real.report.errors import ErrorRow, MarkerErrors, error_rows, marker_errors, warnings
 from swim2real.report.film import Film, films
 from swim2real.report.pages import Charts, PageContext, write_page
 from swim2real.report.rounds import AdvisorRound, CallSection, advisor_rounds, call_section
@@ -76,7 +76,7 @@ def page_context(run: ReportedRun) -> RunPage:
         charts=charts | pairs | trial_charts([one.compared for one in saved], run),
         run=run,
         warnings=warnings(run),
-        standing=standing(run),
+        standing=run.standing,
         everything_diverged=incumbent(run.entries) is None,
         mean_best=float(np.mean(best_losses(run.entries))),
         rows=error_rows(run),

@@ -9,10 +9,11 @@ from pathlib import Path
 
 from swim2real.advisor.vlm.transcript import CALLS, Call, Transcript
 from swim2real.calibration import Outcome, RunFolder, RunSettings, SavedTrial, load_trials
-from swim2real.calibration.convergence import incumbent, never_beaten, standing, still_falling
-from swim2real.calibration.file_models import RecordedEvaluation, TrialSummary
-from swim2real.calibration.from_rest import backward_from_rest
+from swim2real.calibration.convergence import ends_of, incumbent, never_beaten, standing, still_falling
+from swim2real.calibration.file_models import RecordedEvaluation, TrialSummary, Verdict
+from swim2real.calibration.loop import Search
 from swim2real.calibration.run_folder import TRIALS
+from swim2real.calibration.verdict import judge
 from swim2real.formatting import listed
 from swim2real.identification.identifiability import Study, study_of
 from swim2real.objective.figures import FitFigures, TrialFigures
@@ -116,8 +117,20 @@ class ReportedRun:
         found = (
             () if self.standing else tuple(told(self.entries, self.settings) for told in (still_falling, never_beaten))
         )
-        backward = backward_from_rest(self.of_best.from_rest)
-        return tuple(warning for warning in (backward, *found, *self.of_best.late) if warning)
+        return tuple(warning for warning in (*found, *self.of_best.late) if warning)
+
+    @property
+    def verdict(self) -> Verdict:
+        """Verdict on the best parameters; on those of a run of before there were any, by what it has on record."""
+        recorded = self.of_best.verdict
+        if recorded is not None:
+            return recorded
+        known = "interrupted"
+        if self.outcome is not None and self.is_current:
+            known = "done" if self.outcome.ending == "done" else "budget"
+        search = Search(known, "", len(self.entries), ends_of(self.entries, self.outcome))
+        fitted = [one.compared for one in self.saved if not one.held_out]
+        return judge(fitted, self.robot, search, self.of_best.noise, self.of_best.from_rest)
 
     @property
     def budget(self) -> int | None:
@@ -127,7 +140,7 @@ class ReportedRun:
     @property
     def standing(self) -> tuple[str, ...]:
         """State of a search without a budget, in sentences."""
-        return standing(self.entries, self.settings, self.outcome, self.space, self.robot.trials.sensors)
+        return standing(self.entries, self.settings, self.outcome, self.space)
 
     @property
     def loss(self) -> str:

@@ -41,6 +41,7 @@ COLORS: dict[str, tuple[str, str]] = {
     "surface": ("#fefefe", "#181f27"),
     "good": ("#1a7a3c", "#56c878"),
     "warning": ("#955800", "#e6b450"),
+    "bad": ("#a8002a", "#ff6f86"),
 }
 LIGHT = {role: light for role, (light, _) in COLORS.items()}
 
