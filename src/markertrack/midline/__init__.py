@@ -1,0 +1,1 @@
+"""Midlines of swimmers without markers, from a film of a fixed camera and two clicks."""
