@@ -7,7 +7,8 @@ moved to the middle of the contrast across it, and ends at the outline.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import cv2
@@ -27,7 +28,7 @@ THINNEST = 4.0  # px that it is wide there
 MOST_TIPS = 4
 STANDS_OFF = 2.0  # half widths from the curve, from which something that stands off has a tip
 FORKED, BLUNT = 1.6, 0.7  # half widths from an end, within which a ridge runs into a corner, and nothing lies across
-EDGE = 0.35  # of the contrast inside, that the outline has
+EDGE = 0.3  # of the contrast inside, that the outline has
 ROUNDS = 3  # of moving the curve to the middle
 REACH = 1.6  # half widths to either side in which the outline is looked for
 
@@ -42,6 +43,7 @@ class Curve:
         length: [px].
         area: Area of the shape [px²].
         cut: Whether the shape touches the edge of the picture.
+        shape: Number of the shape among those of its picture.
     """
 
     points: Array
@@ -49,15 +51,20 @@ class Curve:
     length: float
     area: float
     cut: bool
+    shape: int = 0
 
     @property
     def turned(self) -> Curve:
         """The same, from the other end."""
-        return Curve(self.points[::-1], self.widths[::-1], self.length, self.area, self.cut)
+        return replace(self, points=self.points[::-1], widths=self.widths[::-1])
 
 
-def curves(shape: Shape, length: float) -> list[Curve]:
-    """Curves between tips of a shape, from either tip; the swimmer's length [px] decides how fine it is looked at."""
+def curves(shapes: Sequence[Shape], length: float) -> list[Curve]:
+    """Curves between tips of shapes, from either tip; the swimmer's length [px] decides how fine they are looked at."""
+    return [replace(one, shape=k) for k, shape in enumerate(shapes) for one in _of_shape(shape, length)]
+
+
+def _of_shape(shape: Shape, length: float) -> list[Curve]:
     share = min(1.0, max(COARSE / length, THINNEST * length / shape.area))
     mask = shape.mask
     if share < 1:
@@ -115,7 +122,7 @@ def _refined(shape: Shape, path: Array, half: Array) -> Curve | None:
     points = _even(_spline(path[inner]))
     half = np.interp(np.linspace(0, 1, POINTS), np.linspace(0, 1, int(inner.sum())), half[inner])
     for k in range(ROUNDS + 1):
-        tips = [_extended(shape, one, 3 * end + 2) for one, end in zip((points[::-1], points), ends, strict=True)]
+        tips = [_extended(shape, one, end, 3 * end + 2) for one, end in zip((points[::-1], points), ends, strict=True)]
         whole = np.concatenate([tips[:1], points, tips[1:]])
         points = _even(whole)
         middles, half, seen = _across(shape, points, half)
@@ -140,11 +147,10 @@ def _travel(points: Array) -> Array:
 
 def _across(shape: Shape, points: Array, half: Array) -> tuple[Array, Array, Mask]:
     """Middles of the contrast across a curve (P, 2), half widths (P,), and whether both outlines were found (P,)."""
-    tangents = np.gradient(points, axis=0)
-    normals = tangents[:, ::-1] * [-1.0, 1.0] / np.maximum(np.hypot(*tangents.T), 1e-9)[:, None]
+    normals = _normals(points)
     reach = REACH * float(half.max()) + 2.0
     steps = np.linspace(0.0, reach, max(8, round(2 * reach)) + 1)
-    least = _outline(shape, points)
+    least = _outline(shape, points, normals * half[:, None])
     sides: list[Array] = []
     for sign in (-1.0, 1.0):
         values = _sampled(shape, points[:, None] + sign * steps[:, None] * normals[:, None]) / least[:, None]
@@ -163,18 +169,24 @@ def _across(shape: Shape, points: Array, half: Array) -> tuple[Array, Array, Mas
     return points + off[:, None] * normals, np.where(seen, width, usual), seen
 
 
-def _extended(shape: Shape, points: Array, reach: float) -> Array:
+def _extended(shape: Shape, points: Array, half: float, reach: float) -> Array:
     """Where a curve (P, 2) that goes on straight leaves the shape. Shape (2,)."""
     part = points[-max(4, POINTS // 10) :]
     way = part[-1] - part[0]
     at = points[-1] + np.arange(0.0, reach, 0.25)[:, None] * way / max(float(np.hypot(*way)), 1e-9)
-    low = _sampled(shape, at[None])[0] < _outline(shape, points)[-1]
+    low = _sampled(shape, at[None])[0] < _outline(shape, points, half * _normals(points))[-1]
     return at[max(int(low.argmax()) - 1, 0) if low.any() else -1]
 
 
-def _outline(shape: Shape, points: Array) -> Array:
-    """Contrast of the outline beside a curve (P, 2): a share of that on it, where that is more than the least. (P,)."""
-    return np.maximum(1.0, EDGE * median_filter(_sampled(shape, points[None])[0], 9, mode="nearest"))
+def _outline(shape: Shape, points: Array, across: Array) -> Array:
+    """Contrast of the outline beside a curve (P, 2): a share of the most that lies across it (P, 2), or 1. (P,)."""
+    inside = _sampled(shape, points[:, None] + np.linspace(-1, 1, 9)[:, None] * across[:, None]).max(axis=1)
+    return np.maximum(1.0, EDGE * median_filter(inside, 9, mode="nearest"))
+
+
+def _normals(points: Array) -> Array:
+    tangents = np.gradient(points, axis=0)
+    return tangents[:, ::-1] * [-1.0, 1.0] / np.maximum(np.hypot(*tangents.T), 1e-9)[:, None]
 
 
 def _sampled(shape: Shape, at: Array) -> Array:

@@ -119,8 +119,8 @@ class Silhouette:
             cut = left == 0 or top == 0 or left + wide == width or top + high == height
             whole = _closed(np.pad(part, self._gap + 2), self._gap)
             above = np.pad(contrast[rows, columns] / np.float32(self.level), self._gap + 2)
-            own = above >= 1
-            above[whole & ~own] = np.median(above[whole & own])
+            bridged = cv2.morphologyEx(above, cv2.MORPH_CLOSE, np.ones((2 * self._gap + 1,) * 2, np.uint8))
+            above = np.where(whole & (above < 1), np.maximum(bridged, np.float32(1.01)), above)
             corner = np.array([columns.start, rows.start], dtype=float) - self._gap - 2
             found.append(Shape(whole, above, corner, float(area), cut))
         return found
