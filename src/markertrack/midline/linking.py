@@ -1,8 +1,8 @@
 """Decision over a whole film: which curve of each frame is the swimmer, which end its head, and where this is in doubt.
 
 A shortest path through the frames' curves begins at the clicked one, forward and backward. A curve costs by how far its
-length, area and widths are from the clicked swimmer's, a step by how far the body moves, in its own lengths. Frames may
-be left out. What the second-best path costs more, with another curve in the frame, tells how sure the choice is.
+length, area and widths are from the clicked swimmer's, a step by the square of how far the body moves, in its own
+lengths: many short ones are likelier than one jump. Frames may be left out. What the second-best path costs more, with another curve in the frame, tells how sure the choice is.
 """
 
 from __future__ import annotations
@@ -27,8 +27,7 @@ NEVER = 1e9  # cost of what a click excludes
 MOST_OFF = 8.0  # cost of one measure, at most
 LEFT_OUT = 25.0  # cost of a frame without the swimmer
 APART = 0.1  # lengths between the heads, or the tails, of two curves that aren't the same
-MOST_GAP = 12  # frames after which nothing is known of where the swimmer is
-NEW = 20.0  # cost of a new beginning after it
+MOST_GAP = 12  # frames with shapes that may be left out in a row
 LIKELY = 5.0  # cost that the second best must have more
 LEAST = 0.03, 0.05, 0.10, 0.02  # standard deviations that length, area, widths and head have at least
 DOUBTED = 6.0  # standard deviations at which a confidence is a half
@@ -65,7 +64,7 @@ def link(found: Sequence[Sequence[Curve]], known: Mapping[int, int]) -> Linked:
     steps = _steps([found[t] for t in filled], stops, swimmer.length)
     chosen, margin, spreads = np.full(len(found), -1), np.zeros(len(found)), np.array(SPREADS)
     for _ in range(2):  # the second time by how much this swimmer varies
-        costs = [_costs(one, known.get(t), spreads) for t, one in zip(filled, off, strict=True)]
+        costs = [_costs(found[t], one, known.get(t), spreads) for t, one in zip(filled, off, strict=True)]
         path, totals = _path(costs, steps, stops)
         mine = np.array([off[k][one] for k, one in path])
         off = [one - np.median(mine, axis=0) for one in off]
@@ -93,11 +92,17 @@ def _off(curve: Curve, swimmer: Curve) -> Array:
     return np.array([np.log(curve.length / swimmer.length), np.log(curve.area / swimmer.area), wide])
 
 
-def _costs(off: Array, known: int | None, spreads: Array) -> Array:
-    """Costs of the curves of a frame, by how far they are off (C, 3). Shape (C,)."""
+def _costs(curves: Sequence[Curve], off: Array, known: int | None, spreads: Array) -> Array:
+    """Costs of the curves of a frame, by how far they are off (C, 3). Shape (C,).
+
+    The best curve of each shape costs nothing: which shape is the swimmer is told by where it was, however long another
+    one looks more like it.
+    """
     if known is not None:
         return np.where(np.arange(len(off)) == known, 0.0, NEVER)
-    return np.minimum(np.abs(off) / spreads, MOST_OFF).sum(axis=1)
+    costs = np.minimum(np.abs(off) / spreads, MOST_OFF).sum(axis=1)
+    shapes = np.array([curve.shape for curve in curves])
+    return costs - np.array([costs[shapes == shape].min() for shape in shapes])
 
 
 def _steps(found: Sequence[Sequence[Curve]], known: Sequence[bool], length: float) -> list[list[tuple[int, Array]]]:
@@ -115,7 +120,7 @@ def _steps(found: Sequence[Sequence[Curve]], known: Sequence[bool], length: floa
     for k in range(len(found)):
         froms: list[tuple[int, Array]] = []
         for one in range(k - 1, max(k - 2 - MOST_GAP, -1), -1):
-            cost = np.minimum(apart(one, k) / step / np.sqrt(k - one), NEW)
+            cost = (apart(one, k) / step) ** 2 / (k - one)
             froms.append((one, cost + LEFT_OUT * (k - one - 1)))
             if known[one]:
                 break

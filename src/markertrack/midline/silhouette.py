@@ -27,7 +27,7 @@ BESIDE = 0.25  # lengths to either side of the clicked line in which the swimmer
 NOISES = 4.0  # standard deviations of the ground's noise, below which nothing is swimmer
 FAINT = 10  # percentile of contrast on the way between the clicks that is the swimmer's faintest part
 VISIBLE = 0.8  # of that way that must stand out
-LEAST_AREA = 0.2  # of the clicked swimmer's, from which a shape is looked at
+LEAST_AREA, MOST_AREA = 0.2, 3.0  # of the clicked swimmer's, within which a shape is looked at
 GLINT = 0.02  # of a shape's area, up to which a hole is none
 SIGMA = 1.0  # px, by which pictures are smoothed
 
@@ -110,7 +110,7 @@ class Silhouette:
         height, width = mask.shape
         for k in range(1, count):
             left, top, wide, high, area = stats[k].tolist()
-            if area < max(LEAST_AREA * self.area, self.length):
+            if not max(LEAST_AREA * self.area, self.length) <= area <= MOST_AREA * (self.area or np.inf):
                 continue
             rows, columns = slice(max(top - 2, 0), top + high + 2), slice(max(left - 2, 0), left + wide + 2)
             part = labels[rows, columns] == k

@@ -50,7 +50,7 @@ def fetch(*, to: Path, source: Annotated[str | None, tyro.conf.arg(name="from")]
 
 def pick(
     videos: Positional[tuple[Path, ...]], *, out: Path | None = None, robot: opt.RobotOfMarkers = "fish",
-    begin: From = (), fps: tuple[float, ...] = (),
+    midline: bool = False, begin: From = (), fps: tuple[float, ...] = (),
 ) -> int:  # fmt: skip
     """Write a page per video on which you click the markers of its first frame.
 
@@ -59,6 +59,7 @@ def pick(
     Args:
         videos: Videos, folders of pictures or patterns of their names, as for `track`; their first frames are shown.
         out: Page to write, for one video; by default beside each video.
+        midline: Click the first and the last marker alone, at the tips of head and tail, for `track --midline`.
         begin: Show the first frame from this time on [s], as for `track --from`; one for all videos, or one for each.
         fps: Frames per second that the camera took, as for `track --fps`, if --from is given.
     """
@@ -75,18 +76,19 @@ def pick(
     begins = [span.begin for span in spans(begin, (), len(videos), "videos")]
     body = load_robot(robot, markers_only=True)
     body.check_markers("pick")
-    names = body.marker_names
+    kept = slice(None, None, max(len(body.marker_names) - 1, 1)) if midline else slice(None)  # head and tail
+    names, places = body.marker_names[kept], body.rest_markers[kept]
     points, unknown = [f"{film_name(video)}.points.json" for video in videos], False
     for video, since, rate, saved in zip(videos, begins, rates, points, strict=True):
         page = out or (video if video.name else video.resolve()).with_name(f"{film_name(video)}.pick.html")
         frame = first_frame(video, since, rate)
         unknown |= rate is None and math.isnan(frame.time)
-        write_pick_page(frame.image, names, film_title(video), page, body.rest_markers, frame.index)
+        write_pick_page(frame.image, names, film_title(video), page, places, frame.index, not midline)
         say(f"{page}: open it in a browser, click {names[0]} to {names[-1]}, download {saved}")
     options = for_robot(robot) + _tables_of(body, len(videos))
     for option, values in (("from", begin), ("fps", fps)):
         options += f" --{option} {' '.join(f'{value:g}' for value in values)}" if values else ""
-    options += " --fps RATE" if unknown else ""
+    options += (" --midline" if midline else "") + (" --fps RATE" if unknown else "")
     say(f"Next: swim2real track {shlex.join(map(str, videos))} --markers {shlex.join(points)} --to REFERENCE{options}")
     return 0
 
@@ -103,7 +105,7 @@ def track(
     frame_%04d.png, a TIFF of many pages) and the markers' places in one of their frames. Adds one trial per
     video to a reference folder, and to its folder tracks the track in pixels (.pixels.csv, DeepLabCut's format), an
     overlay video (.mp4), a page to correct doubtful markers (.review.html) and the findings (.json). A marker that
-    isn't visible is lost, not guessed. Takes about twice as long as decoding. After an interruption the same command
+    isn't visible is lost, not guessed. With --midline a swimmer without markers is followed. Takes about twice as long as decoding. After an interruption the same command
     continues.
 
     Args:
