@@ -159,7 +159,9 @@ def _clicked_names(layout: Layout, points: str | Path, how: HowToTrack) -> tuple
         return layout.names
     if how.tags is not None or points == AUTO:
         other = "tags" if how.tags is not None else "points that are found without a click"
-        raise TrackingError(f"a midline takes two clicks, head and tail, and no {other}; click them with `pick --midline`")
+        raise TrackingError(
+            f"a midline takes two clicks, head and tail, and no {other}; click them with `pick --midline`"
+        )
     return layout.names[0], layout.names[-1]
 
 

@@ -18,7 +18,7 @@ from scipy.interpolate import make_lsq_spline
 from scipy.ndimage import median_filter
 
 from markertrack.midline.grid import Grid
-from markertrack.midline.silhouette import Shape
+from markertrack.midline.silhouette import Picture, Shape
 from markertrack.tracking.tracker import Array, Mask
 
 POINTS = 65  # of a curve
@@ -43,6 +43,7 @@ class Curve:
         length: [px].
         area: Area of the shape [px²].
         cut: Whether the shape touches the edge of the picture.
+        apart: Distance of its points from what else stands out, up to some way [px]. Shape (P,).
         shape: Number of the shape among those of its picture.
     """
 
@@ -51,12 +52,13 @@ class Curve:
     length: float
     area: float
     cut: bool
+    apart: Array
     shape: int = 0
 
     @property
     def turned(self) -> Curve:
         """The same, from the other end."""
-        return replace(self, points=self.points[::-1], widths=self.widths[::-1])
+        return replace(self, points=self.points[::-1], widths=self.widths[::-1], apart=self.apart[::-1])
 
 
 def curves(shapes: Sequence[Shape], length: float) -> list[Curve]:
@@ -74,7 +76,7 @@ def _of_shape(shape: Shape, length: float) -> list[Curve]:
     if mask.sum() < 8:
         return []
     scale = np.array(shape.mask.shape[::-1]) / np.array(mask.shape[::-1])
-    depth = np.asarray(cv2.distanceTransform(mask.astype(np.uint8), cv2.DIST_L2, 5))
+    depth = np.asarray(cv2.distanceTransform(mask.astype(np.uint8), cv2.DIST_L2, 5), dtype=float)
     grid = Grid(mask)
     half = depth[mask]
     found: list[Curve] = []
@@ -127,7 +129,8 @@ def _refined(shape: Shape, path: Array, half: Array) -> Curve | None:
         points = _even(whole)
         middles, half, seen = _across(shape, points, half)
         if k == ROUNDS:
-            return Curve(points + shape.corner, 2 * half, float(_travel(points)[-1]), shape.area, shape.cut)
+            length, apart = float(_travel(points)[-1]), _sampled(shape.apart, points[None])[0]
+            return Curve(points + shape.corner, 2 * half, length, shape.area, shape.cut, apart)
         inner = _inner(_travel(points), ends, BLUNT)
         points = _spline(middles[inner], np.where(seen[inner], 1.0, 0.05))
         points = _even(points)
@@ -153,7 +156,7 @@ def _across(shape: Shape, points: Array, half: Array) -> tuple[Array, Array, Mas
     least = _outline(shape, points, normals * half[:, None])
     sides: list[Array] = []
     for sign in (-1.0, 1.0):
-        values = _sampled(shape, points[:, None] + sign * steps[:, None] * normals[:, None]) / least[:, None]
+        values = _sampled(shape.contrast, points[:, None] + sign * steps[:, None] * normals[:, None]) / least[:, None]
         low = values < 1.0
         k = np.where(low.any(axis=1), low.argmax(axis=1), len(steps) - 1)
         row = np.arange(len(points))
@@ -174,25 +177,26 @@ def _extended(shape: Shape, points: Array, half: float, reach: float) -> Array:
     part = points[-max(4, POINTS // 10) :]
     way = part[-1] - part[0]
     at = points[-1] + np.arange(0.0, reach, 0.25)[:, None] * way / max(float(np.hypot(*way)), 1e-9)
-    low = _sampled(shape, at[None])[0] < _outline(shape, points, half * _normals(points))[-1]
+    low = _sampled(shape.contrast, at[None])[0] < _outline(shape, points, half * _normals(points))[-1]
     return at[max(int(low.argmax()) - 1, 0) if low.any() else -1]
 
 
 def _outline(shape: Shape, points: Array, across: Array) -> Array:
     """Contrast of the outline beside a curve (P, 2): a share of the most that lies across it (P, 2), or 1. (P,)."""
-    inside = _sampled(shape, points[:, None] + np.linspace(-1, 1, 9)[:, None] * across[:, None]).max(axis=1)
+    inside = _sampled(shape.contrast, points[:, None] + np.linspace(-1, 1, 9)[:, None] * across[:, None]).max(axis=1)
     return np.maximum(1.0, EDGE * median_filter(inside, 9, mode="nearest"))
 
 
 def _normals(points: Array) -> Array:
     tangents = np.gradient(points, axis=0)
-    return tangents[:, ::-1] * [-1.0, 1.0] / np.maximum(np.hypot(*tangents.T), 1e-9)[:, None]
+    return tangents[:, ::-1] * [-1.0, 1.0] / np.maximum(np.linalg.norm(tangents, axis=1), 1e-9)[:, None]
 
 
-def _sampled(shape: Shape, at: Array) -> Array:
-    """Contrast at places (K, N, 2), 0 outside. Shape (K, N)."""
+def _sampled(picture: Picture, at: Array) -> Array:
+    """Values of a picture at places (K, N, 2), 0 outside. Shape (K, N)."""
     border = cv2.BORDER_CONSTANT
-    values = cv2.remap(shape.contrast, at.astype(np.float32), None, cv2.INTER_LINEAR, borderMode=border, borderValue=0)
+    x, y = np.moveaxis(at.astype(np.float32), -1, 0)
+    values = cv2.remap(picture, x, y, cv2.INTER_LINEAR, borderMode=border, borderValue=0)
     return np.asarray(values, dtype=float)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_matrix
+from scipy.sparse import coo_matrix, csr_matrix
 from scipy.sparse.csgraph import dijkstra
 
 from markertrack.tracking.tracker import Array, Mask
@@ -31,7 +31,7 @@ class Grid:
             first.append(one)
             second.append(other[one])
             steps.append(np.full(len(one), np.hypot(down, right)))
-        self._first, self._second, self._steps = (np.concatenate(parts) for parts in (first, second, steps))
+        self._first, self._second, self._steps = np.concatenate(first), np.concatenate(second), np.concatenate(steps)
 
     def nearest(self, place: Array) -> int:
         """Number of the pixel nearest to a place (2,)."""
@@ -43,12 +43,12 @@ class Grid:
 
     def paths(self, source: int, targets: list[int], costs: Array) -> list[NDArray[np.int64]]:
         """Numbers of the pixels on the cheapest ways from one to others, by the cost of a step in each. Shapes (K,)."""
-        _, before = dijkstra(self._graph(costs), directed=False, indices=source, return_predecessors=True)
+        _, before = dijkstra(self._graph(costs), directed=False, indices=[source], return_predecessors=True)
         found: list[NDArray[np.int64]] = []
         for target in targets:
             path = [target]
-            while path[-1] != source and before[path[-1]] >= 0:
-                path.append(int(before[path[-1]]))
+            while path[-1] != source and before[0, path[-1]] >= 0:
+                path.append(int(before[0, path[-1]]))
             found.append(np.array(path[::-1]))
         return found
 
@@ -59,4 +59,4 @@ class Grid:
     def _graph(self, costs: Array | None) -> csr_matrix:
         count = len(self.places)
         weights = self._steps if costs is None else self._steps * (costs[self._first] + costs[self._second]) / 2
-        return csr_matrix((weights, (self._first, self._second)), shape=(count, count))
+        return csr_matrix(coo_matrix((weights, (self._first, self._second)), shape=(count, count)))

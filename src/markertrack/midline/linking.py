@@ -1,8 +1,8 @@
-"""Decision over a whole film: which curve of each frame is the swimmer, which end its head, and where this is in doubt.
+"""Decision over a whole film: which curve of each frame is the swimmer, and which of its ends the head.
 
-A shortest path through the frames' curves begins at the clicked one, forward and backward. A curve costs by how far its
-length, area and widths are from the clicked swimmer's, a step by the square of how far the body moves, in its own
-lengths: many short ones are likelier than one jump. Frames may be left out. What the second-best path costs more, with another curve in the frame, tells how sure the choice is.
+A shortest path goes through the frames' curves by way of the clicked ones. A curve costs by how far its length, area
+and widths are from the swimmer's, against other curves of its shape; a step by the square of how far the body moves, in
+its own lengths: many short ones are likelier than one jump. Frames may be left out.
 """
 
 from __future__ import annotations
@@ -14,25 +14,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markertrack.midline.centerline import POINTS, Curve
-from markertrack.tracking.tracker import DOUBT, Array, Mask
+from swimbase.arrays import Array
 
-REASONS = (
-    "its length is off", "its area is off", "its widths are off", "its head jumps against the body",
-    "another shape is near", "it touches the edge of the picture", "another curve may be meant",
-    "it jumps where there are other shapes",
-)  # fmt: skip
-SPREADS = 0.1, 0.15, 0.2  # usual shares by which length, area and widths of a swimmer vary
+SPREADS = 0.1, 0.15, 0.2  # shares by which length, area and widths of swimmers vary, before this one's is known
+LEAST = 0.01, 0.03, 0.05  # that they vary by at least, and
+MOST = 0.04, 0.10, 0.15  # at most: a film of many wrong curves would excuse them
 STEP = 0.02  # lengths by which a body moves from frame to frame, at least
-NEVER = 1e9  # cost of what a click excludes
 MOST_OFF = 8.0  # cost of one measure, at most
+NEVER = 1e9  # cost of what a click excludes
 LEFT_OUT = 25.0  # cost of a frame without the swimmer
-APART = 0.1  # lengths between the heads, or the tails, of two curves that aren't the same
 MOST_GAP = 12  # frames with shapes that may be left out in a row
-LIKELY = 5.0  # cost that the second best must have more
-LEAST = 0.03, 0.05, 0.10, 0.02  # standard deviations that length, area, widths and head have at least
-DOUBTED = 6.0  # standard deviations at which a confidence is a half
-SUDDEN = 6.0  # times the steps before and after, from which a step is a jump
-NEAR = 0.1  # lengths from the curve within which another shape may be mistaken for a part
+APART = 0.1  # lengths between the heads, or the tails, of two curves that aren't the same
 
 
 @dataclass(frozen=True)
@@ -41,13 +33,11 @@ class Linked:
 
     Attributes:
         chosen: Number of the curve among those of the frame, -1 where none is the swimmer. Shape (T,).
-        confidence: How sure it is, from 0 to 1. Shape (T,).
-        reasons: Frames that are doubted, by `REASONS`. Each of shape (T,).
+        margin: Cost that the best path through another curve of the frame has more. Shape (T,).
     """
 
     chosen: NDArray[np.int64]
-    confidence: Array
-    reasons: Mapping[str, Mask]
+    margin: Array
 
 
 def link(found: Sequence[Sequence[Curve]], known: Mapping[int, int]) -> Linked:
@@ -60,43 +50,55 @@ def link(found: Sequence[Sequence[Curve]], known: Mapping[int, int]) -> Linked:
     swimmer = found[min(known)][known[min(known)]]
     filled = [t for t in range(len(found)) if found[t]]
     stops = [t in known for t in filled]
-    off = [np.array([_off(curve, swimmer) for curve in found[t]]) for t in filled]
+    off = [np.array([deviations(curve, swimmer) for curve in found[t]]) for t in filled]
     steps = _steps([found[t] for t in filled], stops, swimmer.length)
-    chosen, margin, spreads = np.full(len(found), -1), np.zeros(len(found)), np.array(SPREADS)
-    for _ in range(2):  # the second time by how much this swimmer varies
+
+    def best(off: Sequence[Array], spreads: Array) -> tuple[list[tuple[int, int]], list[Array]]:
         costs = [_costs(found[t], one, known.get(t), spreads) for t, one in zip(filled, off, strict=True)]
-        path, totals = _path(costs, steps, stops)
-        mine = np.array([off[k][one] for k, one in path])
-        off = [one - np.median(mine, axis=0) for one in off]
-        spreads = np.maximum(_spread(mine), LEAST[:3])
-    best = min(float(total.min()) for total in totals)
+        return _path(costs, steps, stops)
+
+    mine = np.array([off[k][one] for k, one in best(off, np.array(SPREADS))[0]])
+    path, totals = best([one - usual(mine) for one in off], np.clip(spread(mine), LEAST, MOST))
+    least = min(float(total.min()) for total in totals)
+    chosen, margin = np.full(len(found), -1), np.zeros(len(found))
     for k, one in path:
         t = filled[k]
         tips = np.array([curve.points[[0, -1]] for curve in found[t]])
         other = (np.linalg.norm(tips - tips[one], axis=2) > APART * swimmer.length).any(axis=1)
-        chosen[t], margin[t] = one, totals[k][other].min(initial=np.inf) - best
-    return _judged(found, chosen, margin, swimmer, known)
+        chosen[t], margin[t] = one, totals[k][other].min(initial=np.inf) - least
+    return Linked(chosen, margin)
 
 
-def along(curve: Curve, length: float, count: int = POINTS) -> Array:
-    """Points at equal distances from the head over a length, NaN beyond the end [px]. Shape (count, 2)."""
-    at, travel = np.linspace(0, length, count), np.linspace(0, curve.length, POINTS)
+def along(curve: Curve, length: float) -> Array:
+    """Points at equal distances from the head over a length, NaN beyond the end [px]. Shape (P, 2)."""
+    at, travel = np.linspace(0, length, POINTS), np.linspace(0, curve.length, POINTS)
     return np.stack([np.interp(at, travel, curve.points[:, k], right=np.nan) for k in (0, 1)], axis=1)
 
 
-def _off(curve: Curve, swimmer: Curve) -> Array:
-    """By which share length, area and widths of a curve are off the swimmer's. Shape (3,)."""
+def deviations(curve: Curve, swimmer: Curve) -> Array:
+    """Shares by which length, area and widths of a curve are off the clicked swimmer's. Shape (3,)."""
     at = np.linspace(0, min(curve.length, swimmer.length), POINTS)
-    mine, usual = (np.interp(at, np.linspace(0, one.length, POINTS), one.widths) for one in (curve, swimmer))
-    wide = np.abs(mine - usual).mean() / usual.mean()
+    mine, clicked = (np.interp(at, np.linspace(0, one.length, POINTS), one.widths) for one in (curve, swimmer))
+    wrong = np.abs(mine - clicked) / clicked.mean()
+    wide = max(wrong.mean(), wrong[: POINTS // 6].mean())  # a head that is cut off is too wide where it ends
     return np.array([np.log(curve.length / swimmer.length), np.log(curve.area / swimmer.area), wide])
+
+
+def usual(off: Array) -> Array:
+    """Usual deviations of a film's curves (K, 3), as far as they can differ from the clicked swimmer's. Shape (3,)."""
+    return np.clip(np.median(off, axis=0), -2 * np.array(MOST), 2 * np.array(MOST))
+
+
+def spread(values: Array) -> Array:
+    """Standard deviations of most of some values (K, N), by their median distance from the median. Shape (N,)."""
+    return 1.4826 * np.median(np.abs(values - np.median(values, axis=0)), axis=0)
 
 
 def _costs(curves: Sequence[Curve], off: Array, known: int | None, spreads: Array) -> Array:
     """Costs of the curves of a frame, by how far they are off (C, 3). Shape (C,).
 
-    The best curve of each shape costs nothing: which shape is the swimmer is told by where it was, however long another
-    one looks more like it.
+    The best curve of each shape costs nothing: where it was tells which shape is the swimmer, however long another one
+    looks more like it.
     """
     if known is not None:
         return np.where(np.arange(len(off)) == known, 0.0, NEVER)
@@ -114,14 +116,12 @@ def _steps(found: Sequence[Sequence[Curve]], known: Sequence[bool], length: floa
         seen = np.isfinite(away)
         return np.where(seen, away, 0.0).sum(axis=2) / seen.sum(axis=2) / length
 
-    usual = [float(apart(k - 1, k).min()) for k in range(1, len(found))]
-    step = max(STEP, float(np.median(usual)) if usual else 0.0)
+    step = max([STEP, float(np.median([apart(k - 1, k).min() for k in range(1, len(found))] or [0.0]))])
     steps: list[list[tuple[int, Array]]] = []
     for k in range(len(found)):
         froms: list[tuple[int, Array]] = []
         for one in range(k - 1, max(k - 2 - MOST_GAP, -1), -1):
-            cost = (apart(one, k) / step) ** 2 / (k - one)
-            froms.append((one, cost + LEFT_OUT * (k - one - 1)))
+            froms.append((one, (apart(one, k) / step) ** 2 / (k - one) + LEFT_OUT * (k - one - 1)))
             if known[one]:
                 break
         steps.append(froms)
@@ -150,66 +150,3 @@ def _path(
     while (origin := origins[path[-1][0]][path[-1][1]])[0] >= 0:
         path.append(origin)
     return path[::-1], [one + other - cost for one, other, cost in zip(before, after, costs, strict=True)]
-
-
-def _judged(
-    found: Sequence[Sequence[Curve]], chosen: NDArray[np.int64], margin: Array, swimmer: Curve, known: Mapping[int, int]
-) -> Linked:
-    """Confidence in the curves that were chosen, by evidence of the whole film."""
-    seen = chosen >= 0
-    curves = [found[t][chosen[t]] for t in np.flatnonzero(seen)]
-    off = np.array([_off(curve, swimmer) for curve in curves])
-    off -= np.median(off, axis=0)
-    points = np.array([along(curve, swimmer.length) for curve in curves]) / swimmer.length
-    nose, body = points[:, 0], np.nanmean(points[:, POINTS // 10 : POINTS // 2], axis=1)
-    jump = np.hypot(*(_bent(nose) - _bent(body)).T)
-    values = np.column_stack([off, jump])
-    scores = np.abs(values) / np.maximum(_spread(values), LEAST)
-    step = np.hypot(*np.diff(body, axis=0).T)
-    around = np.maximum(np.append(step[1:], 0), np.append(0, step[:-1])) + STEP
-    alone = np.array([len({curve.shape for curve in found[t]}) < 2 for t in np.flatnonzero(seen)])
-    lost_touch = _since_jump(step > SUDDEN * around, alone, np.flatnonzero(seen), known)
-    near = np.array([_near(found[t], chosen[t], NEAR * swimmer.length) for t in np.flatnonzero(seen)])
-    cut = np.array([curve.cut for curve in curves])
-    doubts = np.column_stack([scores > DOUBTED, near, cut, margin[seen] < LIKELY, lost_touch])
-    trust = np.prod(1 / (1 + (scores / DOUBTED) ** 4), axis=1)
-    confidence = np.zeros(len(found))
-    confidence[seen] = np.where(doubts.any(axis=1), np.minimum(trust, DOUBT), trust)
-    reasons = {name: np.zeros(len(found), dtype=bool) for name in REASONS}
-    for name, column in zip(REASONS, doubts.T, strict=True):
-        reasons[name][seen] = column
-    return Linked(chosen, confidence, reasons)
-
-
-def _spread(values: Array) -> Array:
-    """Standard deviation of most of some values (K, N), by their median distance from the median. Shape (N,)."""
-    return 1.4826 * np.median(np.abs(values - np.median(values, axis=0)), axis=0)
-
-
-def _bent(places: Array) -> Array:
-    """By how much each place is off the middle of those before and after it. Shape (K, 2)."""
-    padded = np.concatenate([places[:1], places, places[-1:]])
-    return places - (padded[:-2] + padded[2:]) / 2
-
-
-def _near(curves: Sequence[Curve], chosen: int, reach: float) -> bool:
-    """Whether the curve of another shape comes near to the chosen one."""
-    own = curves[chosen]
-    return any(
-        np.linalg.norm(own.points[:, None] - one.points, axis=2).min() < reach + own.widths.max() / 2
-        for one in curves
-        if one.shape != own.shape
-    )
-
-
-def _since_jump(jumps: Mask, alone: Mask, frames: NDArray[np.int64], known: Mapping[int, int]) -> Mask:
-    """Frames after a jump, as seen from a known one, until there is one shape only. Shapes (K - 1,), (K,)."""
-    doubted = np.zeros(len(frames), dtype=bool)
-    sure = alone | np.isin(frames, list(known))
-    for k in range(1, len(frames)):
-        doubted[k] = not sure[k] and (doubted[k - 1] or jumps[k - 1])
-    back = np.zeros(len(frames), dtype=bool)
-    for k in range(len(frames) - 2, -1, -1):
-        back[k] = not sure[k] and (back[k + 1] or jumps[k])
-    start = np.searchsorted(frames, min(known))
-    return np.where(np.arange(len(frames)) >= start, doubted, back)

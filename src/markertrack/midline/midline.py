@@ -2,24 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from markertrack.following import SMEARED, Film, FrameProgress, within
-from markertrack.midline.centerline import Curve, curves
-from markertrack.midline.linking import APART, POINTS, Linked, link
+from markertrack.midline.centerline import POINTS, Curve, curves
+from markertrack.midline.doubting import judge
+from markertrack.midline.linking import APART, link
 from markertrack.midline.silhouette import Silhouette
 from markertrack.points import Anchor
 from markertrack.track import MarkerTrack
-from markertrack.tracking.tracker import Array, Image
+from markertrack.tracking.tracker import Array, Image, Mask
 from markertrack.video import Frame, VideoReader
 from swimbase.errors import TrackingError
 
 SAMPLES, SAMPLE_BYTES = 60, 2e8  # pictures of the film that tell the ground, at most, and their size
 FINEST = 500.0  # px that a swimmer is long; where it is longer the pictures are looked at in a smaller size
-CLICK, SNAP = 0.1, 0.02  # lengths by which a click may be off the curve, and off its end to mean that
+CLICKS = 0.05, 0.2  # lengths by which the clicked head, and tail, may be off the curve; a tail may be faint
+SNAP = 0.02  # lengths from its end, up to which a click means that
 BEYOND = 0.03  # lengths beyond the visible end at which a place still is there
 BACKWARD = 0.5  # lengths that a swimmer goes tail first, from which it is reported
 
@@ -61,13 +63,14 @@ def follow_midline(
     view = _View(reader, min(1.0, FINEST / far))
     clicked, samples, count = _samples(within(reader, film.span), clicks.frame, view)
     for frame in (clicks.frame, *(anchor.frame for anchor in anchors)):
-        if not first <= frame < first + count or clicked is None:
+        if not first <= frame < first + count:
             raise TrackingError(
                 f"a marker was clicked in frame {frame} of video '{film.path}', of which frames {first} to "
                 f"{first + count - 1} are tracked; begin or end there (--from, --until), or click in one of these"
             )
     if count < 2:
         raise TrackingError(f"'{film.path}' has one frame only {film.span.words}; a trial needs at least 2")
+    assert clicked is not None  # it is one of these
     ends = view.seen(clicks.points)
     silhouette = Silhouette(samples, clicked, ends)
     del samples
@@ -90,17 +93,18 @@ def follow_midline(
             known |= {t: int(np.argmin(away))} if min(away, default=np.inf) < APART * length else {}
             found[t] = found[t] if t in known else []
     linked = link(found, known)
+    sure, reasons = judge(found, linked, known)
     positions, lengths = np.full((count, len(places), 2), np.nan), np.full(count, np.nan)
     for t in np.flatnonzero(linked.chosen >= 0).tolist():
         curve = found[t][linked.chosen[t]]
         positions[t], lengths[t] = view.whole(_at(curve, at, length)), curve.length / view.share
-    confidence = np.repeat(np.minimum(linked.confidence, trust)[:, None], len(places), axis=1)
+    confidence = np.repeat(np.minimum(sure, trust)[:, None], len(places), axis=1)
     for anchor in anchors:
         t, said = anchor.frame - first, np.isfinite(anchor.points[:, 0])
         positions[t, said], confidence[t, said] = anchor.points[said], 1.0
         positions[t, anchor.hidden] = np.nan
     track = MarkerTrack(np.array(times) - times[0], positions, confidence)
-    return Midline(track, lengths, (*_doubts(linked), *_tail_first(track, length / view.share)))
+    return Midline(track, lengths, (*_doubts(linked.chosen < 0, reasons), *_tail_first(track, length / view.share)))
 
 
 class _View:
@@ -154,7 +158,7 @@ def _clicked(found: Sequence[Curve], ends: Array) -> tuple[int, float, float]:
     curve = found[int(np.argmin(off))]
     ways = [np.hypot(*(curve.points - end).T) for end in ends]
     arcs = np.array([curve.length * int(way.argmin()) / (POINTS - 1) for way in ways])
-    if max(float(way.min()) for way in ways) > CLICK * curve.length + curve.widths.max() / 2:
+    if any(way.min() > most * curve.length for way, most in zip(ways, CLICKS, strict=True)):
         raise TrackingError(
             f"the shape in the clicked frame ends {max(way.min() for way in ways):.0f} px from a click; click the tip of "
             "the head and of the tail in a frame in which nothing touches the swimmer"
@@ -173,12 +177,11 @@ def _at(curve: Curve, at: Array, length: float) -> Array:
     return np.stack([np.interp(at, travel, curve.points[:, k], right=np.nan) for k in (0, 1)], axis=1)
 
 
-def _doubts(linked: Linked) -> list[str]:
-    """A sentence on where the midline is lost or in doubt."""
-    lost, total = int((linked.chosen < 0).sum()), len(linked.chosen)
-    counts = {name: int(frames.sum()) for name, frames in linked.reasons.items() if frames.any()}
+def _doubts(lost: Mask, reasons: Mapping[str, Mask]) -> list[str]:
+    """Sentences on where the midline is lost or in doubt."""
+    counts = {name: int(frames.sum()) for name, frames in reasons.items() if frames.any()}
     why = "; ".join(f"{name}: {count}" for name, count in sorted(counts.items(), key=lambda item: -item[1]))
-    out = [f"the swimmer isn't found in {lost} of {total} frames"] if lost else []
+    out = [f"the swimmer isn't found in {lost.sum()} of {len(lost)} frames"] if lost.any() else []
     return out + ([f"the midline is in doubt, in frames: {why}"] if why else [])
 
 
@@ -191,4 +194,6 @@ def _tail_first(track: MarkerTrack, length: float) -> list[str]:
     way = float(np.nansum(ahead)) / length
     if way > -BACKWARD:
         return []
-    return [f"the swimmer goes tail first for {-way:.1f} of its lengths: were head and tail clicked the wrong way round?"]
+    return [
+        f"the swimmer goes tail first for {-way:.1f} of its lengths: were head and tail clicked the wrong way round?"
+    ]

@@ -27,8 +27,11 @@ BESIDE = 0.25  # lengths to either side of the clicked line in which the swimmer
 NOISES = 4.0  # standard deviations of the ground's noise, below which nothing is swimmer
 FAINT = 10  # percentile of contrast on the way between the clicks that is the swimmer's faintest part
 VISIBLE = 0.8  # of that way that must stand out
+TWO_TONES = 0.25  # of the pixels of the swimmer's tone, above which those of the contrary one are a part of it
 LEAST_AREA, MOST_AREA = 0.2, 3.0  # of the clicked swimmer's, within which a shape is looked at
+PART = 0.05  # of the swimmer's area, from which something else may be a part of it
 GLINT = 0.02  # of a shape's area, up to which a hole is none
+AROUND = 0.12  # lengths around a shape in which it is seen what else stands out
 SIGMA = 1.0  # px, by which pictures are smoothed
 
 
@@ -42,10 +45,12 @@ class Shape:
         corner: Place of the window's first pixel [px]. Shape (2,).
         area: Number of its pixels [px²].
         cut: Whether it touches the edge of the picture.
+        apart: Distance of each pixel from what else stands out, up to some way [px]. Shape (h, w).
     """
 
     mask: Mask
     contrast: Picture
+    apart: Picture
     corner: Array
     area: float
     cut: bool
@@ -88,41 +93,53 @@ class Silhouette:
                 f"of its length; a midline takes at least {100 * VISIBLE:.0f} %, a swimmer of one tone on an even "
                 "ground: click its ends in another frame, or put markers on it and track these"
             )
+        tone, usual = self._bright(clicked)[_beside(clicked.shape[:2], ends, BESIDE)], float(np.median(along[seen]))
+        others, own = ((sign * tone > 0.5 * usual).sum() for sign in (-1, 1))
+        if others > TWO_TONES * own:
+            raise TrackingError(
+                f"the swimmer has two tones: for 100 px that are {_darker(self._color[0])} than the ground around it "
+                f"{100 * others / own:.0f} are the contrary, and a midline needs one tone: put markers on it, or track "
+                "those that it has"
+            )
         self.level = max(0.5 * float(np.percentile(along[seen], FAINT)), NOISES * noise)
         self.length = float(np.hypot(*np.diff(path, axis=0).T).sum())
-        self.seed = 0.5 * float(np.median(along[seen]))
+        self._seed = 0.5 * usual / self.level
         self.area, self._gap = 0.0, 0
-        own = [shape for shape in self.shapes(clicked) if _holds(shape, path)]
-        if not own:
+        whole = [shape for shape in self.shapes(clicked) if _holds(shape, path)]
+        if not whole:
             raise TrackingError(
                 "no shape in the clicked frame holds the way from head to tail; click its ends in a frame in which it "
                 "is seen whole"
             )
-        self.area = max(shape.area for shape in own)
+        self.area = max(shape.area for shape in whole)
         self._gap = round(0.5 * self.area / self.length)
 
     def shapes(self, image: Image) -> list[Shape]:
         """Connected parts of a picture (H, W, 3) that stand out as the swimmer does and aren't far smaller."""
         contrast = self._contrast(image)
-        mask = (contrast > self.level).astype(np.uint8)
-        count, labels, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)
+        around = max(round(0.5 * self.area / self.length) + 2, round(AROUND * self.length))
+        count, labels, stats, _ = cv2.connectedComponentsWithStats((contrast > self.level).astype(np.uint8))
+        seen = stats[:, cv2.CC_STAT_AREA] >= PART * self.area
+        seen &= np.isin(np.arange(count), labels[contrast > self._seed * self.level])
+        labels, contrast = np.pad(labels, around).astype(np.int64), np.pad(contrast, around)
         found: list[Shape] = []
-        height, width = mask.shape
         for k in range(1, count):
             left, top, wide, high, area = stats[k].tolist()
             if not max(LEAST_AREA * self.area, self.length) <= area <= MOST_AREA * (self.area or np.inf):
                 continue
-            rows, columns = slice(max(top - 2, 0), top + high + 2), slice(max(left - 2, 0), left + wide + 2)
-            part = labels[rows, columns] == k
-            if float(contrast[rows, columns][part].max()) < self.seed:
+            window = np.s_[top : top + high + 2 * around, left : left + wide + 2 * around]
+            own, above = labels[window] == k, contrast[window] / np.float32(self.level)
+            if above[own].max() < self._seed:
                 continue
-            cut = left == 0 or top == 0 or left + wide == width or top + high == height
-            whole = _closed(np.pad(part, self._gap + 2), self._gap)
-            above = np.pad(contrast[rows, columns] / np.float32(self.level), self._gap + 2)
+            size = image.shape
+            cut = left == 0 or top == 0 or left + wide == size[1] or top + high == size[0]
+            whole = _closed(own, self._gap)
             bridged = cv2.morphologyEx(above, cv2.MORPH_CLOSE, np.ones((2 * self._gap + 1,) * 2, np.uint8))
             above = np.where(whole & (above < 1), np.maximum(bridged, np.float32(1.01)), above)
-            corner = np.array([columns.start, rows.start], dtype=float) - self._gap - 2
-            found.append(Shape(whole, above, corner, float(area), cut))
+            others = seen[labels[window]] & ~whole & (labels[window] > 0)
+            apart = np.asarray(cv2.distanceTransform((~others).astype(np.uint8), cv2.DIST_L2, 5))
+            corner = np.array([left, top], dtype=float) - around
+            found.append(Shape(whole, above, apart, corner, float(area), cut))
         return found
 
     def _contrast(self, image: Image) -> Picture:
@@ -145,6 +162,10 @@ def _color(image: Image, ends: Array) -> tuple[Picture, np.float32]:
     axis *= np.sign(((off @ axis) ** 3).sum()) or 1.0
     weights = (axis / np.abs(axis).sum()).astype(np.float32)
     return weights, np.float32(weights @ ground)
+
+
+def _darker(weights: Picture) -> str:
+    return "darker" if weights.sum() < 0 else "brighter"
 
 
 def _beside(shape: tuple[int, ...], ends: Array, share: float) -> Mask:
