@@ -6,7 +6,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from swimmers import FPS, Swimmer, film
+from drawn_swimmers import FPS, Swimmer, film
 
 from markertrack import HowToTrack, Layout, TrackedFilm, track_film
 from markertrack.corrections import find_stretches
@@ -172,5 +172,5 @@ def test_a_correction_decides_between_head_and_tail(tmp_path):
 
 def test_sites_must_stand_in_a_row(tmp_path):
     layout = replace(LAYOUT, rest=LAYOUT.rest[[0, 2, 1, 3, 4, 5, 6, 7, 8]])
-    with pytest.raises(TrackingError, match="an eel .* don't stand in a row"):
+    with pytest.raises(TrackingError, match=r"an eel .* don't stand in a row"):
         _ = layout.places_along

@@ -160,8 +160,8 @@ def _clicked(found: Sequence[Curve], ends: Array) -> tuple[int, float, float]:
     arcs = np.array([curve.length * int(way.argmin()) / (POINTS - 1) for way in ways])
     if any(way.min() > most * curve.length for way, most in zip(ways, CLICKS, strict=True)):
         raise TrackingError(
-            f"the shape in the clicked frame ends {max(way.min() for way in ways):.0f} px from a click; click the tip of "
-            "the head and of the tail in a frame in which nothing touches the swimmer"
+            f"the shape in the clicked frame ends {max(way.min() for way in ways):.0f} px from a click; click the tips "
+            "of head and tail in a frame in which nothing touches the swimmer"
         )
     begin = 0.0 if arcs[0] < SNAP * curve.length else float(arcs[0])
     beyond = float(ways[1].min()) if arcs[1] == curve.length else 0.0

@@ -137,7 +137,7 @@ class Silhouette:
             bridged = cv2.morphologyEx(above, cv2.MORPH_CLOSE, np.ones((2 * self._gap + 1,) * 2, np.uint8))
             above = np.where(whole & (above < 1), np.maximum(bridged, np.float32(1.01)), above)
             others = seen[labels[window]] & ~whole & (labels[window] > 0)
-            apart = np.asarray(cv2.distanceTransform((~others).astype(np.uint8), cv2.DIST_L2, 5))
+            apart = np.asarray(cv2.distanceTransform((~others).astype(np.uint8), cv2.DIST_L2, 5), np.float32)
             corner = np.array([left, top], dtype=float) - around
             found.append(Shape(whole, above, apart, corner, float(area), cut))
         return found

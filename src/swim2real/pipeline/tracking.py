@@ -176,7 +176,7 @@ def track_video(
         name, track, nominal_frequency(name) if frequency is None else frequency, scale.meters_per_pixel,
         ", ".join(filter(None, (f"video {title}", span.words, made))),
         video=source, video_begin=begin, controls=commands, sensors=readings,
-        timebases=clocks,
+        timebases=clocks, midline=settings.midline,
     )  # fmt: skip
     report_path.parent.mkdir(parents=True, exist_ok=True)
     report_path.unlink(missing_ok=True)  # it is of the track that is replaced now
