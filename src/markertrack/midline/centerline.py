@@ -27,7 +27,9 @@ COARSE = 150.0  # px that the swimmer is long where tips are looked for
 THINNEST = 4.0  # px that it is wide there
 MOST_TIPS = 4
 STANDS_OFF = 2.0  # half widths from the curve, from which something that stands off has a tip
-FORKED, BLUNT = 2.2, 0.7  # half widths from an end, within which a ridge runs into a corner, and nothing lies across
+FORKED = 2.2  # half widths from an end, within which a ridge may run into a corner
+STRAIGHT = 0.6  # of the way that is left out there, which a straight one must have in the shape
+BLUNT = 0.7  # half widths from an end, within which nothing lies across
 EDGE = 0.3  # of the contrast inside, that the outline has
 ROUNDS = 3  # of moving the curve to the middle
 REACH = 1.6  # half widths to either side in which the outline is looked for
@@ -118,28 +120,39 @@ def _refined(shape: Shape, path: Array, half: Array) -> Curve | None:
     """The curve near a path (N, 2) through a shape, half as wide as (N,) says."""
     travel = _travel(path)
     ends = [float(half[part].max()) for part in (travel < travel[-1] / 8, travel > travel[-1] * 7 / 8)]
-    inner = _inner(travel, ends, FORKED)
-    if inner.sum() < 8:
-        return None
-    points = _even(_spline(path[inner]))
+    shares = np.full(2, FORKED)
+    for _ in range(3):  # less where an end bends, so that a straight way leaves the shape at its side
+        inner = _inner(travel, ends, shares)
+        if inner.sum() < 8:
+            return None
+        points = _even(_spline(path[inner]))
+        ways = [
+            np.hypot(*(_extended(shape, one, end, 3 * end + 2) - one[-1]))
+            for one, end in zip((points[::-1], points), ends, strict=True)
+        ]
+        cut_off = np.array([travel[inner][0], travel[-1] - travel[inner][-1]])
+        shares = np.where(ways > STRAIGHT * cut_off, shares, shares / 2)
     half = np.interp(np.linspace(0, 1, POINTS), np.linspace(0, 1, int(inner.sum())), half[inner])
-    for k in range(ROUNDS + 1):
-        tips = [_extended(shape, one, end, 3 * end + 2) for one, end in zip((points[::-1], points), ends, strict=True)]
-        whole = np.concatenate([tips[:1], points, tips[1:]])
-        points = _even(whole)
+    for _ in range(ROUNDS):
+        points = _to_the_ends(shape, points, ends)
         middles, half, seen = _across(shape, points, half)
-        if k == ROUNDS:
-            length, apart = float(_travel(points)[-1]), _sampled(shape.apart, points[None])[0]
-            return Curve(points + shape.corner, 2 * half, length, shape.area, shape.cut, apart)
-        inner = _inner(_travel(points), ends, BLUNT)
-        points = _spline(middles[inner], np.where(seen[inner], 1.0, 0.05))
-        points = _even(points)
-    raise AssertionError
+        inner = _inner(_travel(points), ends, np.full(2, BLUNT))
+        points = _even(_spline(middles[inner], np.where(seen[inner], 1.0, 0.05)))
+    points = _to_the_ends(shape, points, ends)
+    half = _across(shape, points, half)[1]
+    length, apart = float(_travel(points)[-1]), _sampled(shape.apart, points[None])[0]
+    return Curve(points + shape.corner, 2 * half, length, shape.area, shape.cut, apart)
 
 
-def _inner(travel: Array, ends: list[float], share: float) -> Mask:
-    """Places along a curve that aren't within a share of the half widths at its ends, nor in the last fifth."""
-    begin, end = (min(share * half, travel[-1] / 5) for half in ends)
+def _to_the_ends(shape: Shape, points: Array, ends: list[float]) -> Array:
+    """A curve (P, 2) that goes on straight to where it leaves the shape. Shape (P, 2)."""
+    tips = [_extended(shape, one, end, 3 * end + 2) for one, end in zip((points[::-1], points), ends, strict=True)]
+    return _even(np.concatenate([tips[:1], points, tips[1:]]))
+
+
+def _inner(travel: Array, ends: list[float], shares: Array) -> Mask:
+    """Places along a curve that aren't within shares of the half widths at its ends, a fifth of it at most."""
+    begin, end = np.minimum(shares * ends, travel[-1] / 5)
     return (travel >= begin) & (travel <= travel[-1] - end)
 
 

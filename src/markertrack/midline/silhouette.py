@@ -24,6 +24,7 @@ Picture = NDArray[np.float32]
 DARKEST = 10  # percentile of a place's levels over the film that are the ground's
 COARSE = 32  # px that the swimmer is long in the picture in which the ground is mended
 BESIDE = 0.25  # lengths to either side of the clicked line in which the swimmer's color is looked for
+LEAST_NOISE = 0.5  # levels
 NOISES = 4.0  # standard deviations of the ground's noise, below which nothing is swimmer
 FAINT = 10  # percentile of contrast on the way between the clicks that is the swimmer's faintest part
 VISIBLE = 0.8  # of that way that must stand out
@@ -82,7 +83,7 @@ class Silhouette:
         ground = np.partition(levels, rank, axis=0)[rank].astype(np.float32)
         self._ground = _smooth(_without_swimmer(ground, self._bright(clicked), ends, far))
         noises = [float(np.median(np.abs(self._contrast(one)))) for one in samples[:: max(1, len(samples) // 8)]]
-        noise = 1.4826 * float(np.median(noises))
+        noise = max(1.4826 * float(np.median(noises)), LEAST_NOISE)
         contrast = self._contrast(clicked)
         path = _way(contrast, ends, noise)
         along = contrast[path[:, 1], path[:, 0]]
