@@ -120,7 +120,7 @@ def _refined(shape: Shape, path: Array, half: Array) -> Curve | None:
     """The curve near a path (N, 2) through a shape, half as wide as (N,) says."""
     travel = _travel(path)
     ends = [float(half[part].max()) for part in (travel < travel[-1] / 8, travel > travel[-1] * 7 / 8)]
-    shares = np.full(2, FORKED)
+    shares, inner, points = np.full(2, FORKED), np.ones(len(path), dtype=bool), path
     for _ in range(3):  # less where an end bends, so that a straight way leaves the shape at its side
         inner = _inner(travel, ends, shares)
         if inner.sum() < 8:
