@@ -1,4 +1,4 @@
-"""From one film to a track in meters: points, tracker, cleaning, camera, quality."""
+"""From one film to a track in meters: points, tracker or midline, cleaning, camera, quality."""
 
 from __future__ import annotations
 
@@ -11,10 +11,11 @@ import numpy as np
 from markertrack.camera import Camera, camera_for
 from markertrack.camera_file import CameraFile
 from markertrack.cleaning import fill_gaps, smooth
-from markertrack.following import Film, FrameProgress, follow, within
+from markertrack.following import Film, FrameProgress, draw_track, follow, within
 from markertrack.layout import Layout
+from markertrack.midline import follow_midline
 from markertrack.points import Anchor, load_anchors, load_points
-from markertrack.quality import LostMarkers, check_lost
+from markertrack.quality import LostMarkers, check_lost, check_places
 from markertrack.span import WHOLE, Span
 from markertrack.track import MarkerTrack
 from markertrack.tracking.detection import DetectionTracker
@@ -35,6 +36,7 @@ class HowToTrack:
 
     Attributes:
         tags: Dictionary of ArUco or AprilTag markers, as OpenCV names it; None for markers that are dots.
+        midline: Follow the midline of a swimmer without markers; the points are its first and last marker alone.
         camera: Known lengths, height, plane or lens; None without a camera file.
         corrections: Path of a file of corrections, or of the points of another frame.
         span: Stretch of the film that is tracked, on the camera's clock.
@@ -45,6 +47,7 @@ class HowToTrack:
     """
 
     tags: str | None = None
+    midline: bool = False
     camera: CameraFile | None = None
     corrections: Path | None = None
     span: Span = WHOLE
@@ -114,31 +117,57 @@ def track_film(
         size = (info.width, info.height)
         frames = within(reader, how.span)
         first = next(frames)
+        clicked = _clicked_names(layout, points, how)
         start = (
             Anchor(first.index, _labeled(first, layout, how.tags), np.zeros(len(layout.names), dtype=bool))
             if points == AUTO
-            else load_points(points, layout.names, *size, first.index)
+            else load_points(points, clicked, *size, first.index)
         )
         title = film_title(source)
         anchors = load_anchors(how.corrections, layout.names, *size, title) if how.corrections else ()
         # a film without a scale is refused before it is tracked
-        camera_for(MarkerTrack([0.0, 1.0], np.stack([start.points] * 2)), layout, how.camera, size)
+        straight = _in_a_row(start.points, layout) if how.midline else start.points
+        camera_for(MarkerTrack([0.0, 1.0], np.stack([straight] * 2)), layout, how.camera, size)
         bodies = tuple(range(len(layout.names))) if layout.chain else layout.bodies
         film = Film(film_name(source), source, how.span, layout.names, bodies, how.threads, how.overlay, how.fps)
         if how.overlay is not None:
             how.overlay.parent.mkdir(parents=True, exist_ok=True)
-        seen = follow(film, reader, first, frames, start, anchors, lambda: _tracker(layout, how.tags), on_progress)
-        notes = list(reader.notes)
+        said: tuple[str, ...] = ()
+        if how.midline:
+            midline = follow_midline(film, reader, first.index, start, layout.places_along, anchors, on_progress)
+            seen, said = midline.track, midline.notes
+            start = Anchor(start.frame, seen.positions[start.frame - first.index], np.zeros(len(clicked), dtype=bool))
+            draw_track(film, reader, seen)
+        else:
+            seen = follow(film, reader, first, frames, start, anchors, lambda: _tracker(layout, how.tags), on_progress)
+        notes = [*reader.notes, *said]
     pixels = fill_gaps(smooth(seen) if how.smooth else seen)
     camera = camera_for(pixels, layout, how.camera, size)
     track = camera.to_meters(pixels)
     end = first.time + float(track.times[-1])
     if how.span.until is not None and how.span.until - end > 2 / info.fps:
         notes.append(f"the last frame is at {end:.3f} s, before --until, {how.span.until:g} s")
+    lost = check_places(track) if how.midline else check_lost(track, layout)
     return TrackedFilm(
-        info, first.time, first.index, start, tuple(anchors), seen, pixels, camera, track, check_lost(track, layout),
-        tuple(notes),
-    )  # fmt: skip
+        info, first.time, first.index, start, tuple(anchors), seen, pixels, camera, track, lost, tuple(notes)
+    )
+
+
+def _clicked_names(layout: Layout, points: str | Path, how: HowToTrack) -> tuple[str, ...]:
+    """Names of the markers that a points file must have."""
+    if not how.midline:
+        return layout.names
+    if how.tags is not None or points == AUTO:
+        other = "tags" if how.tags is not None else "points that are found without a click"
+        raise TrackingError(
+            f"a midline takes two clicks, head and tail, and no {other}; click them with `pick --midline`"
+        )
+    return layout.names[0], layout.names[-1]
+
+
+def _in_a_row(ends: Array, layout: Layout) -> Array:
+    """Places of all markers between two clicked ends (2, 2) of a straight swimmer [px]. Shape (M, 2)."""
+    return ends[0] + layout.places_along[:, None] * (ends[1] - ends[0])
 
 
 def _tracker(layout: Layout, tags: str | None) -> Tracker:

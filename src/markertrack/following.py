@@ -124,10 +124,15 @@ def follow(
                     gap.see(k, frame.image)
         track = corrected(track, gaps)
     if later:
-        with film.drawn(reader) as overlay:
-            for k, frame in enumerate(within(reader, film.span) if overlay is not None else ()):
-                _draw(overlay, frame, reader.info.width, track.times[k], track.positions[k], track.confidence[k])
+        draw_track(film, reader, track)
     return track
+
+
+def draw_track(film: Film, reader: VideoReader, track: MarkerTrack) -> None:
+    """Draws the overlay video of a track in pixels, where one is asked for."""
+    with film.drawn(reader) as overlay:
+        for k, frame in enumerate(within(reader, film.span) if overlay is not None else ()):
+            _draw(overlay, frame, reader.info.width, track.times[k], track.positions[k], track.confidence[k])
 
 
 def _check_frames(film: Film, first: int, last: int, anchors: Sequence[Anchor]) -> None:

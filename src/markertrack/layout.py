@@ -55,3 +55,19 @@ class Layout:
     def rigid(self) -> tuple[int, ...]:
         """Indices of the first marker and of those on its body, whose distances tell the scale of a film."""
         return tuple(m for m, body in enumerate(self.bodies) if body == self.bodies[0])
+
+    @property
+    def places_along(self) -> Array:
+        """Where the markers are along the body at rest, from 0 at the first, the head, to 1 at the last. Shape (M,).
+
+        Raises:
+            TrackingError: They don't stand in a row.
+        """
+        travel = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(self.rest, axis=0).T))])
+        ahead = np.diff(self.rest @ (self.rest[-1] - self.rest[0]))
+        if len(self.names) < 2 or not (ahead > 0).all():
+            raise TrackingError(
+                f"the markers of {self.body} ({', '.join(self.names)}) don't stand in a row from head to tail at rest; "
+                "a midline takes sites on the spine, the first at the head and the last at the tail"
+            )
+        return travel / travel[-1]

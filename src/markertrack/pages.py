@@ -194,7 +194,7 @@ def write_review_page(
 
 def write_pick_page(
     frame_image: Image, names: Sequence[str], video_name: str, path: str | Path, rest_markers: Array | None = None,
-    frame: int = 0,
+    frame: int = 0, dots: bool = True,
 ) -> Path:  # fmt: skip
     """Writes the page to click markers on.
 
@@ -205,6 +205,7 @@ def write_pick_page(
         path: Path of the page.
         rest_markers: Marker positions of the robot in its rest pose, for a sketch of it [m]. Shape (M, 2).
         frame: Number of the frame.
+        dots: Whether clicks snap to the middle of dots at first.
 
     Returns:
         The path.
@@ -222,6 +223,7 @@ def write_pick_page(
     along = np.concatenate([[0.0], np.cumsum(steps)])  # on the sketch
     data = {
         "names": list(names), "video": visible(video_name), "width": shape[1], "height": shape[0], "number": frame,
+        "dots": dots,
         "places": np.round(along / max(float(along[-1]), 1e-9), 4).tolist(),
     }  # fmt: skip
     remedy, image = "give a place that can be written to with --out", _jpeg_source(frame_image, _PICK_QUALITY)

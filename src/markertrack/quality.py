@@ -165,6 +165,23 @@ def check_bodies(track: MarkerTrack, bodies: Sequence[int]) -> LostMarkers:
     )
 
 
+def check_places(track: MarkerTrack) -> TrackQuality:
+    """Checks a track of places along a midline, whose distances say nothing: they were put there.
+
+    Length, area and the head's jumps are in the confidence, so what is doubtful or missing is lost.
+
+    Args:
+        track: In meters; NaN is legal.
+    """
+    missing, doubtful = _missing_and_doubtful(track)
+    none, lost = np.zeros_like(missing), missing | doubtful
+    spreads = [
+        _spread(np.linalg.norm(track.positions[:, 0] - track.positions[:, other], axis=1), lost[:, 0] | lost[:, other])
+        for other in (min(1, track.marker_count - 1), -1)
+    ]
+    return TrackQuality(lost, _counted(missing, none, none, none, none, doubtful), *spreads)
+
+
 def _swapped(positions: Array) -> Mask:
     """Markers of one body whose distances from the others changed suddenly. Shape (T, M)."""
     distances = np.linalg.norm(positions[:, :, None] - positions[:, None], axis=3)  # (T, M, M)

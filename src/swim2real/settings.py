@@ -287,6 +287,8 @@ class TrackingSettings:
         tracker: detection: finds all markers in every frame anew. aruco: ArUco and AprilTag markers, identified by
             their numbers.
         tags: Dictionary of the tags for --tracker aruco, as OpenCV names it: 4X4_50, APRILTAG_36h11 and others.
+        midline: Follow the midline of a swimmer without markers, of one tone, under a fixed camera; --markers then has
+            the first and the last marker alone, clicked at the tips of head and tail (`pick --midline`).
         camera: JSON file with known lengths, camera height, plane or lens; docs/tracking.md describes it.
         smooth: Smooth the track over time; at 60 frames per second it keeps 98 % of a beat of 2.25 Hz and its harmonic.
         overlay: Whether the overlay video is written; --no-overlay leaves it out.
@@ -294,12 +296,15 @@ class TrackingSettings:
 
     tracker: TrackerName = "detection"
     tags: str = "4X4_50"
+    midline: bool = False
     camera: Path | None = None
     smooth: bool = False
     overlay: bool = True
 
     def __post_init__(self) -> None:
         _choice("tracker", self.tracker, get_args(TrackerName))
+        if self.midline and self.tracker != "detection":
+            raise ArgumentError(f"--midline follows a swimmer without markers; leave out --tracker {self.tracker}")
 
 
 @dataclass(frozen=True)

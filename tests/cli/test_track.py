@@ -10,8 +10,10 @@ import pytest
 from PIL import Image
 from program import CTRL_C, interrupted
 
+from drawn_swimmers import Swimmer, film
 from films import Shot, contents, named, parts, slowed, tables
 from markertrack.camera_file import CameraFile, write_camera
+from markertrack.points import save_points
 from markertrack.video import VideoReader, VideoWriter, film_title
 from swim2real.robots.fish import FISH
 from swim2real.trials import load_reference
@@ -260,3 +262,36 @@ def test_pick_writes_a_page_beside_the_video_and_says_what_to_do(program, clip, 
     assert '"width": 640, "height": 360' in page
     assert '"video": "swim.mp4"' in page
     assert not re.search(r"<(script|link|img|iframe)[^>]*\s(src|href)\s*=\s*[\"']?(https?:)?//", page)
+
+
+def test_a_swimmer_without_markers_is_followed_from_two_clicks(program, tmp_path):
+    swimmer, to = Swimmer(length=200.0, speed=0.4, frequency=2.0), tmp_path / "reference"
+    video = film(tmp_path / "f2_00.mp4", [swimmer], count=60)
+    program("pick", video, "--midline").done()
+    assert "click M0 to M8" in program.text
+    assert program.text.rstrip().endswith("--to REFERENCE --midline")
+    ends = swimmer.midline(0)[[0, -1]]
+    save_points(tmp_path / "f2_00.points.json", ends, ("M0", "M8"), "f2_00.mp4", 480, 320)
+    program("track", video, "--midline", "--markers", tmp_path / "f2_00.points.json", "--to", to).done()
+    assert re.search(r"f2_00 60 2\.7\d{3} (– ){9}yes", program.text)
+    assert {"f2_00.json", "f2_00.mp4", "f2_00.pixels.csv"} == {path.name for path in (to / "tracks").iterdir()}
+    assert json.loads((to / "tracks" / "f2_00.json").read_text())["tracker"] == "midline"
+    (trial,) = load_reference(to)
+    assert trial.midline
+    true = np.array([swimmer.midline(time) for time in trial.track.times])
+    lengths = np.array([0, 142, 357, 376.5, 406.5, 438.5, 467.5, 488.5, 551]) / 551
+    places = np.stack([[np.interp(lengths, np.linspace(0, 1, 201), one[:, k]) for one in true] for k in (0, 1)], axis=2)
+    scale = trial.meters_per_pixel
+    errors = np.linalg.norm(trial.track.positions * [1, -1] - scale * places, axis=2)
+    assert errors.max() < 0.02 * scale * swimmer.length
+    table = tmp_path / "swimming.csv"
+    program("quality", to, "--kinematics", table, "--plot", tmp_path / "page.html").done()
+    assert re.search("f2_00,beat frequency,Hz,(2.0|1.99)", table.read_text())
+    assert "Strouhal" in (tmp_path / "page.html").read_text()
+
+
+def test_a_midline_takes_two_clicks_and_no_tags(program, clip, tmp_path):
+    command = [*words(clip, to=tmp_path / "new"), "--midline", "--quiet"]
+    assert "unknown marker" in program(*command).sentence(1)
+    assert "leave out --tracker aruco" in program(*command, "--tracker", "aruco").sentence(2)
+    assert "two clicks, head and tail" in program(*command, "--markers", "auto").sentence(1)

@@ -1,6 +1,7 @@
 """Figures of a recording against its playback, of motions whose errors are known beforehand."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -176,3 +177,25 @@ def test_a_diverged_playback_has_failed():
     assert both["loss"] == FAILED_LOSS
     assert both["trials"]["a"]["divergence"] == "the simulation diverged"
     assert (both["velocity_error"], both["sensor_errors"]) == (None, {"force": None})
+
+
+def test_places_on_a_midline_count_across_the_body_and_the_head_along_it():
+    s, times = np.linspace(0, 0.5, 9), np.linspace(0, 1, 20)[:, None]
+
+    def wave(s: np.ndarray) -> np.ndarray:
+        return np.stack([s + 0 * times, 0.05 * np.sin(8 * s - 6 * times)], axis=2)
+
+    real = wave(s)
+    track = MarkerTrack(times[:, 0], real)
+    target = playback_target(Trial("eel", track, midline=True), np.ones(real.shape[:2]))
+    slips = np.r_[0.0, np.random.default_rng(0).uniform(-0.005, 0.005, 8)]
+
+    def error(positions: np.ndarray, midline: bool = True) -> float:
+        one = target if midline else replace(target, trial=replace(target.trial, midline=False))
+        return compare_playback(one, Trial("eel", MarkerTrack(track.times, positions))).aligned_marker_error
+
+    slipped = wave(s + slips)
+    assert error(slipped, midline=False) > 2e-3
+    assert error(slipped) < 1e-4
+    assert error(real + np.array([0, 0.01])) == pytest.approx(0.0095, rel=0.08)  # across
+    assert error(real + np.array([0.01, 0])) == pytest.approx(0.01, rel=0.08)  # the whole swimmer is ahead

@@ -16,7 +16,15 @@ from typing import Any, ClassVar, Generic, TypeVar
 
 import numpy as np
 
-from markertrack.quality import LostMarkers, TrackQuality, check_bodies, check_plausible, check_track, doubled_rate
+from markertrack.quality import (
+    LostMarkers,
+    TrackQuality,
+    check_bodies,
+    check_places,
+    check_plausible,
+    check_track,
+    doubled_rate,
+)
 from swim2real.calibration.from_rest import FromRest, from_rest
 from swim2real.checks.resting import better_starts
 from swim2real.objective import ComparedTrial, Target, compare_playback, compare_steady, playback_target, steady_target
@@ -148,7 +156,7 @@ def examine_swims(reference: TrialSet, robot: Robot) -> tuple[RealSwim, ...]:
     for filmed in reference:
         trial = filmed.seen_from_afar() if robot.swims.from_afar else filmed
         check_plausible(trial.track, robot.rest_markers, robot.marker_names, trial.name)
-        quality = check_track(trial.track, robot.rest_markers)
+        quality = check_places(trial.track) if trial.midline else check_track(trial.track, robot.rest_markers)
         swims.append(
             RealSwim(trial, quality, identify_beat(trial.track, robot.swims.tail_markers, quality, trial.name))
         )
@@ -272,7 +280,8 @@ class Playback(Protocol[PlaybackSimulator]):
         self, trial: Trial, robot: Robot, simulator: PlaybackSimulator, horizon: float | None, start: str | None
     ) -> PreparedTrial:
         check_plausible(trial.track, robot.rest_markers, robot.marker_names, trial.name)
-        trials, lost, cut = robot.trials, check_bodies(trial.track, robot.marker_bodies), trial.cut(horizon)
+        lost = check_places(trial.track) if trial.midline else check_bodies(trial.track, robot.marker_bodies)
+        trials, cut = robot.trials, trial.cut(horizon)
         weights = lost.weights[: cut.track.frame_count]
         request = simulator.request(cut, weights, self.pieces, start)
         target = playback_target(request.trial, weights, trials.frame, trials.score_progress, trials.scales)

@@ -15,12 +15,13 @@ from swim2real.cli import options as opt
 from swim2real.cli.options import From, finite_above_0, for_robot, one_each, word
 from swim2real.cli.terminal import say, say_json, tell
 from swim2real.settings import TrackingSettings
-from swimbase.errors import ArgumentError, Swim2RealError, TrialError
+from swimbase.errors import ArgumentError, Swim2RealError, TrackingError, TrialError
 from swimbase.names import composed
 
 if TYPE_CHECKING:
     from markertrack.camera import Camera
     from markertrack.camera_file import CameraFile
+    from markertrack.kinematics import Kinematics
     from markertrack.span import Span
     from markertrack.track import MarkerTrack
     from swim2real.calibration import Problem
@@ -50,7 +51,7 @@ def fetch(*, to: Path, source: Annotated[str | None, tyro.conf.arg(name="from")]
 
 def pick(
     videos: Positional[tuple[Path, ...]], *, out: Path | None = None, robot: opt.RobotOfMarkers = "fish",
-    begin: From = (), fps: tuple[float, ...] = (),
+    midline: bool = False, begin: From = (), fps: tuple[float, ...] = (),
 ) -> int:  # fmt: skip
     """Write a page per video on which you click the markers of its first frame.
 
@@ -59,6 +60,7 @@ def pick(
     Args:
         videos: Videos, folders of pictures or patterns of their names, as for `track`; their first frames are shown.
         out: Page to write, for one video; by default beside each video.
+        midline: Click the first and the last marker alone, at the tips of head and tail, for `track --midline`.
         begin: Show the first frame from this time on [s], as for `track --from`; one for all videos, or one for each.
         fps: Frames per second that the camera took, as for `track --fps`, if --from is given.
     """
@@ -75,18 +77,19 @@ def pick(
     begins = [span.begin for span in spans(begin, (), len(videos), "videos")]
     body = load_robot(robot, markers_only=True)
     body.check_markers("pick")
-    names = body.marker_names
+    kept = slice(None, None, max(len(body.marker_names) - 1, 1)) if midline else slice(None)  # head and tail
+    names, places = body.marker_names[kept], body.rest_markers[kept]
     points, unknown = [f"{film_name(video)}.points.json" for video in videos], False
     for video, since, rate, saved in zip(videos, begins, rates, points, strict=True):
         page = out or (video if video.name else video.resolve()).with_name(f"{film_name(video)}.pick.html")
         frame = first_frame(video, since, rate)
         unknown |= rate is None and math.isnan(frame.time)
-        write_pick_page(frame.image, names, film_title(video), page, body.rest_markers, frame.index)
+        write_pick_page(frame.image, names, film_title(video), page, places, frame.index, not midline)
         say(f"{page}: open it in a browser, click {names[0]} to {names[-1]}, download {saved}")
     options = for_robot(robot) + _tables_of(body, len(videos))
     for option, values in (("from", begin), ("fps", fps)):
         options += f" --{option} {' '.join(f'{value:g}' for value in values)}" if values else ""
-    options += " --fps RATE" if unknown else ""
+    options += (" --midline" if midline else "") + (" --fps RATE" if unknown else "")
     say(f"Next: swim2real track {shlex.join(map(str, videos))} --markers {shlex.join(points)} --to REFERENCE{options}")
     return 0
 
@@ -100,11 +103,11 @@ def track(
     """Find the markers in videos and make trials of them.
 
     Reads videos (any codec, frame rate and rotation; a folder of numbered pictures, a pattern of their names such as
-    frame_%04d.png, a TIFF of many pages) and the markers' places in one of their frames. Adds one trial per
-    video to a reference folder, and to its folder tracks the track in pixels (.pixels.csv, DeepLabCut's format), an
-    overlay video (.mp4), a page to correct doubtful markers (.review.html) and the findings (.json). A marker that
-    isn't visible is lost, not guessed. Takes about twice as long as decoding. After an interruption the same command
-    continues.
+    frame_%04d.png, a TIFF of many pages) and the markers' places in one of their frames. Adds one trial per video to a
+    reference folder, and to its folder tracks the track in pixels (.pixels.csv, DeepLabCut's format), an overlay video
+    (.mp4), a page to correct doubtful markers (.review.html) and the findings (.json). A marker that isn't visible is
+    lost, not guessed. With --midline a swimmer without markers is followed. Takes about twice as long as decoding.
+    After an interruption the same command continues.
 
     Args:
         videos: Videos, one per trial; their names become the trials' names. f1_50.mp4 means a command of 1.50 Hz.
@@ -269,7 +272,7 @@ def cut(
 
 def quality(
     reference: Positional[opt.Reference], *, robot: opt.RobotOfMarkers = "fish", allow_lost: float = 0.05,
-    plot: Path | None = None, json: opt.Json = False,
+    plot: Path | None = None, kinematics: Path | None = None, json: opt.Json = False,
 ) -> int:  # fmt: skip
     """Check the tracks of a reference: clocks, lost markers, body lengths, and what drove each trial.
 
@@ -277,11 +280,13 @@ def quality(
 
     Args:
         allow_lost: Share of frames in which a marker may be lost in a usable trial.
-        plot: Also write an HTML page that shows when each marker is lost.
+        plot: Also write an HTML page that shows when each marker is lost, and the values of --kinematics.
+        kinematics: Also write a CSV table of how each trial swims: frequency, amplitudes along the body, wavelength,
+            speed and Strouhal number with standard errors. The markers stand in a row.
     """
     if not 0 <= allow_lost <= 1:
         raise ArgumentError(f"--allow-lost is {allow_lost:g}; it is a share of frames within 0 and 1, such as 0.05")
-    from markertrack.quality import check_lost
+    from markertrack.quality import check_lost, check_places
     from swim2real.robots import load_robot
     from swim2real.trials import load_reference
     from swim2real.trials.timebase import described
@@ -306,12 +311,34 @@ def quality(
             say(reason)
         if refused:
             say(_refusal(refused, allow_lost))
+    swimming = _swimming(trials, body, kinematics) if kinematics is not None else {}
     if plot is not None:
         from swim2real.report import write_quality_page
 
-        checked = [(trial, check_lost(trial.track, body.layout)) for trial in trials if trial.name in findings]
-        write_quality_page(checked, body.marker_names, plot)
+        checked = [
+            (trial, check_places(trial.track) if trial.midline else check_lost(trial.track, body.layout))
+            for trial in trials
+            if trial.name in findings
+        ]
+        write_quality_page(checked, body.marker_names, plot, swimming)
     return 0 if all(finding["usable"] for finding in findings.values()) and not refusals else 1
+
+
+def _swimming(trials: TrialSet, robot: Robot, path: Path) -> dict[str, Kinematics]:
+    """Kinematics of trials by name, which a table gets; of one without a beat the reason is told instead."""
+    from markertrack.kinematics import swimming_kinematics
+    from swimbase.store import write_text, writing
+
+    found: dict[str, Kinematics] = {}
+    for trial in trials:
+        try:
+            found[trial.name] = swimming_kinematics(trial.track, robot.layout)
+        except TrackingError as error:
+            tell(f"{trial.name}: {error}")
+    with writing(path, TrialError, "choose another with --kinematics", what="table"):
+        rows = [one.to_csv(name, robot.marker_names, not i) for i, (name, one) in enumerate(found.items())]
+        write_text(path, "".join(rows))
+    return found
 
 
 def _rates(fps: tuple[float, ...], count: int) -> tuple[float | None, ...]:

@@ -82,6 +82,8 @@ def compare_steady(target: Target, simulated: Trial, *, fit_phase: bool = True) 
         static_offset=float(np.linalg.norm(offsets, axis=1).mean()),
         swim_residual=(sampled.swim - target.swim)[:kept],
     )
+    if target.trial.midline:
+        body_simulated = slid(body_simulated + registration, target.real) - registration
     compared = _compared(
         target, loss_figure, body_simulated, sampled.course[:kept], sampled.progress[:kept], sampled.speed
     )
@@ -109,11 +111,33 @@ def compare_playback(target: Target, simulated: Trial) -> ComparedTrial:
             progress = framed_progress(target.times, world, target.weights, target.frame)
         velocity = frames.slope(target.times, progress)
     positions = world if target.frame is None else frames.to_body(world, target.frame)
+    if target.trial.midline:
+        positions = slid(positions, target.real)
     return replace(
         _compared(target, "aligned_marker_error", positions, world, progress, velocity),
         sensors=tuple(_compared_sensor(sensor, simulated) for sensor in target.sensors),
         divergence=simulated.divergence,
     )
+
+
+def slid(simulated: Array, real: Array) -> Array:
+    """Simulated markers, slid along the real body to beside the places of its midline, as far as the head is.
+
+    Places on a midline are at distances from the head, but aren't the body's own points: where they are along the body
+    isn't known as well as across it. The head is: by how far it is ahead all markers may be.
+
+    Args:
+        simulated: Markers in a row from head to tail [m]. Shape (T, M, 2).
+        real: Places along the midline [m]. Shape (T, M, 2).
+
+    Returns:
+        Shape (T, M, 2).
+    """
+    tangents = np.gradient(real, axis=1)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        tangents = tangents / np.linalg.norm(tangents, axis=2, keepdims=True)
+    ahead = ((simulated - real) * tangents).sum(axis=2, keepdims=True)
+    return simulated - np.nan_to_num(ahead - ahead[:, :1]) * np.nan_to_num(tangents)
 
 
 def _compared(

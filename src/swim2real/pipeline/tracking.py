@@ -154,13 +154,14 @@ def track_video(
     _check_writable(report_path.parent)
     began = time.monotonic()
     how = HowToTrack(
-        settings.tags if settings.tracker == "aruco" else None, camera, corrections, span, fps, settings.smooth,
-        report_path.with_suffix(".mp4") if settings.overlay else None, threads,
+        settings.tags if settings.tracker == "aruco" else None, settings.midline, camera, corrections, span, fps,
+        settings.smooth, report_path.with_suffix(".mp4") if settings.overlay else None, threads,
     )  # fmt: skip
     film = track_film(source, points, robot.layout, how, on_progress)
     seconds = time.monotonic() - began
+    tracker = "midline" if settings.midline else settings.tracker
     info, track, begin, scale = film.info, film.track, film.begin, film.camera.scale
-    made = f"{info.width}x{info.height}, {info.codec}, {settings.tracker} tracker, swim2real {versions()['swim2real']}"
+    made = f"{info.width}x{info.height}, {info.codec}, {tracker} tracker, swim2real {versions()['swim2real']}"
     if not span.whole:
         end = begin + float(track.times[-1])
         commands = None if commands is None else commands.cut(begin, end, before=MEMORY)
@@ -175,7 +176,7 @@ def track_video(
         name, track, nominal_frequency(name) if frequency is None else frequency, scale.meters_per_pixel,
         ", ".join(filter(None, (f"video {title}", span.words, made))),
         video=source, video_begin=begin, controls=commands, sensors=readings,
-        timebases=clocks,
+        timebases=clocks, midline=settings.midline,
     )  # fmt: skip
     report_path.parent.mkdir(parents=True, exist_ok=True)
     report_path.unlink(missing_ok=True)  # it is of the track that is replaced now
@@ -194,7 +195,7 @@ def track_video(
                 "fingerprint": fingerprint, "trial": name, "video": title, "width": info.width, "height": info.height,
                 "fps": info.fps, "rate_from": info.rate_from, "codec": info.codec, "mirrored": info.mirrored,
                 "rotation": info.rotation, "frames": film.seen.frame_count,
-                "tracker": settings.tracker, "points": film.start.points,
+                "tracker": tracker, "points": film.start.points,
                 "points_from": AUTO if points == AUTO else "file",
                 "meters_per_pixel": scale.meters_per_pixel, "scale_spread": scale.spread,
                 "scales": dict(scale.estimates), "confidence": film.seen.confidence.mean(axis=0),
@@ -225,8 +226,8 @@ def _fingerprint(
                 file.seek(max(one.stat().st_size - _ENDS, 0))
                 digest.update(file.read())
         about = [
-            [(one.name, one.stat().st_size) for one in files], fps, settings.tracker, settings.tags, settings.smooth,
-            settings.overlay, robot.name, frequency, versions()["swim2real"], span.begin, span.until,
+            [(one.name, one.stat().st_size) for one in files], fps, settings.tracker, settings.tags, settings.midline,
+            settings.smooth, settings.overlay, robot.name, frequency, versions()["swim2real"], span.begin, span.until,
         ]  # fmt: skip
         digest.update(json.dumps(about).encode())
         for path in inputs:

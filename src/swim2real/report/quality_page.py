@@ -1,8 +1,8 @@
-"""The page of `quality --plot`: which marker is lost when."""
+"""The page of `quality --plot`: which marker is lost when, and how each trial swims."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
+from markertrack.kinematics import Kinematics
 from markertrack.quality import LostMarkers
 from swim2real.report.pages import PageContext, write_page
 from swim2real.report.style import LIGHT, WIDE, chart_name, new_chart, titled
@@ -19,10 +20,12 @@ from swim2real.trials import Trial
 @dataclass(frozen=True)
 class _QualityPage(PageContext):
     trials: list[tuple[str, float]]  # name and share that is left out
+    swimming: dict[str, list[tuple[str, str]]]  # quantities and values by name of the trial
 
 
 def write_quality_page(
-    checked: Sequence[tuple[Trial, LostMarkers]], names: Sequence[str], path: str | Path
+    checked: Sequence[tuple[Trial, LostMarkers]], names: Sequence[str], path: str | Path,
+    swimming: Mapping[str, Kinematics] | None = None,
 ) -> Path:  # fmt: skip
     """Writes one self-contained HTML file.
 
@@ -30,13 +33,18 @@ def write_quality_page(
         checked: Trials, and what is lost in each.
         names: Names of the M markers.
         path: Path of the file.
+        swimming: Kinematics of trials, by their names.
 
     Raises:
         RunError: The file can't be written.
     """
     charts = {f"lost-{i}": partial(_lost_markers, trial, lost, names) for i, (trial, lost) in enumerate(checked)}
     trials = [(trial.name, lost.left_out_share) for trial, lost in checked]
-    return write_page(Path(path), _QualityPage("Lost markers", dict(charts), trials), "quality.html.j2")
+    values = {
+        name: [(f"{quantity} [{unit}]", str(one)) for quantity, unit, one in motion.table(tuple(names))]
+        for name, motion in (swimming or {}).items()
+    }
+    return write_page(Path(path), _QualityPage("Lost markers", dict(charts), trials, values), "quality.html.j2")
 
 
 def _lost_markers(trial: Trial, lost: LostMarkers, names: Sequence[str]) -> Figure:

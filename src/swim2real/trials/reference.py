@@ -36,7 +36,7 @@ FILMS = (".mp4", ".mov", ".m4v", ".mkv", ".avi", ".ts", ".mts", ".mpg", ".mpeg",
 _MOST_FILMS = 3  # that a sentence names
 _NEARLY = 0.8  # how alike names are that mean the same
 _SAME_FPS = 0.01  # relative difference of a rate that was rounded
-_SAID, _KEPT = ("meters_per_pixel", "provenance"), ("start", "start_velocities", "perspective", "timebases")
+_SAID, _KEPT = ("meters_per_pixel", "provenance"), ("start", "start_velocities", "perspective", "timebases", "midline")
 _RECORDED = ("controls", "sensors", "start", "start_velocities")  # kept when the video is tracked again
 
 
@@ -69,6 +69,7 @@ class _TrialEntry(_Open):
         start_velocities: Velocities of joints at the first time stamp [m/s or rad/s].
         perspective: What the camera did to the track and nobody has corrected.
         timebases: Clocks of the trial's streams, by `track`, `controls` and `sensors`, as far as they are known.
+        midline: True where markers are places along the midline of a swimmer without markers.
     """
 
     name: FileName
@@ -85,6 +86,7 @@ class _TrialEntry(_Open):
     start_velocities: dict[str, Number] = Field(default_factory=dict)
     perspective: Perspective | None = None
     timebases: dict[str, Timebase] = Field(default_factory=dict)
+    midline: bool = False
 
     def files(self, *, filmed: bool = True) -> dict[str, str]:
         """Names of the trial's files in the folder, by `table`, `controls` and `sensors`, as far as it has them."""

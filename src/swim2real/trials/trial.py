@@ -103,6 +103,7 @@ class Trial:
             rest.
         perspective: What the camera did to the track; None where nothing is known of it, or it is corrected.
         timebases: Clocks of its streams, by `track`, `controls` and `sensors`, as far as they are known.
+        midline: Whether its markers are places along the midline of a swimmer without markers.
     """
 
     name: str
@@ -119,6 +120,7 @@ class Trial:
     start_velocities: Mapping[str, float] = field(default_factory=dict[str, float])
     perspective: Perspective | None = None
     timebases: Mapping[str, Timebase] = field(default_factory=dict[str, Timebase])
+    midline: bool = False
 
     @property
     def fps(self) -> float:
