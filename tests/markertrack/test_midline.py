@@ -6,8 +6,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from drawn_swimmers import FPS, Swimmer, film
 
+from drawn_swimmers import FPS, Swimmer, film
 from markertrack import HowToTrack, Layout, TrackedFilm, track_film
 from markertrack.corrections import find_stretches
 from markertrack.quality import DOUBTFUL
