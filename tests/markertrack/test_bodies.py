@@ -78,6 +78,16 @@ def stretched(frame):
     return places + share * np.stack([np.zeros(12), 6 * np.sin(places[:, 0] / 50)], axis=1)
 
 
+def tilted(count):
+    """Markers of a card that tilts by up to 69° out of the picture's plane, and back."""
+    card = np.array([[-70.0, -30.0], [70.0, -30.0], [70.0, 30.0], [-70.0, 30.0]])[:count]
+
+    def places(frame):
+        return MIDDLE + card * [np.cos(1.2 * np.sin(frame * np.pi / 40)), 1.0] + [0.3 * frame, 0.0]
+
+    return places
+
+
 def growth(frame):
     return 2 ** np.clip(frame / 42, 0, 1)
 
@@ -130,6 +140,13 @@ def test_a_plate_that_turns_quickly_is_found_again():
     off, confidence = errors(MarkerTracker([4] * 3), places, 20)
     assert (confidence[10:] > 0.5).all()
     assert np.nanmax(off[confidence > 0.5]) < 1
+
+
+@pytest.mark.parametrize("count", [2, 4])
+def test_markers_of_a_card_that_tilts_are_followed_though_its_shape_does_not_fit(count):
+    off, confidence = errors(MarkerTracker([0] * count), tilted(count), 50)
+    assert (confidence > 0.5).all()
+    assert off.max() < 0.5
 
 
 @pytest.mark.parametrize("count", [1, 2])

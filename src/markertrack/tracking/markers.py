@@ -1,7 +1,7 @@
 """Tracks the markers of a robot whose trials are recordings: bodies of several by their shape, single ones by flow.
 
-While a body isn't believed, its markers are followed by flow from where they were, and it is believed again where flow
-agrees. A body that turns out not to keep its shape is left to flow from then on.
+A marker that its body can't place is followed by flow from where it was. A body that most of its markers contradict by
+flow isn't believed. A body that turns out not to keep its shape is left to flow from then on.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markertrack.tracking.bodies import BodyTracker
-from markertrack.tracking.free import APART, RATIO, FreeTracker
+from markertrack.tracking.free import APART, CERTAIN, RATIO, FreeTracker
 from markertrack.tracking.looks import Looks
 from markertrack.tracking.tracker import DOUBT, REASONS, Array, Image, Mask
 
@@ -79,26 +79,27 @@ class MarkerTracker:
     def _ask_flow(
         self, image: Image, time: float, part: NDArray[np.int64], positions: Array, confidence: Array
     ) -> None:  # fmt: skip
-        """Puts in what flow knows of a body that isn't believed, until it is again and flow doesn't contradict."""
+        """Puts in what flow knows of markers of a body that aren't found any longer, until all are."""
         of, key = self._rigid[part], int(part[0])
-        believed = confidence[of] > DOUBT
+        believed, known = confidence[of] > DOUBT, self._last.confidence[of] > DOUBT
         if key not in self._doubted:
-            known = self._last.confidence[of] > DOUBT
-            if believed.any() or not known.any():
+            if not (known & ~believed).any():
                 return
             looks, expected = self._bodies.known(part)
             places = np.where(known[:, None], self._last.positions[of], expected)
             self._doubted[key] = _Flowed(self._last, looks, places, known, self._last.steps[of])
         flowed = self._doubted[key]
         places, sure = flowed.follow(image, time)
-        certain = sure > DOUBT
-        apart = np.linalg.norm(places - positions[of], axis=1) > flowed.radii
+        certain = sure >= CERTAIN if believed.any() else sure > DOUBT  # against a body that fits flow alone isn't enough
         both, more = certain & believed, certain & ~believed
-        if believed.any() and not (both & apart).any() and (both.any() or not certain.any()):
-            del self._doubted[key]
-            return
-        confidence[of[both & apart]] = DOUBT
+        apart = both & (np.linalg.norm(places - positions[of], axis=1) > flowed.radii)
+        if apart.sum() <= both.sum() / 2:  # the body is right
+            flowed.aliased |= apart
+        else:
+            confidence[of[apart]] = DOUBT
         positions[of[more]], confidence[of[more]] = places[more], sure[more]
+        if (confidence[of] > DOUBT).all() and believed.all():
+            del self._doubted[key]
 
     @staticmethod
     def _doubled(places: Array, radii: Array, others: Array, known: Array) -> Mask:
@@ -139,13 +140,14 @@ class _Frame(NamedTuple):
 class _Flowed:
     """The markers of one body, followed by flow from a frame on in which the body was believed.
 
-    A marker that was where the last step led another one of the body may be that one: it stays in doubt.
+    Attributes:
+        aliased: Markers that were where the last step led another one of the body: they may be that one. Shape (M,).
     """
 
     def __init__(self, frame: _Frame, looks: Looks, places: Array, known: Mask, steps: Array) -> None:
         self._free, self._expected = FreeTracker(), places + steps
         self._free.take_over(frame.image, looks, places, known, frame.time)
-        self._aliased = np.zeros(len(places), dtype=bool)
+        self.aliased = np.zeros(len(places), dtype=bool)
 
     @property
     def radii(self) -> Array:
@@ -158,6 +160,6 @@ class _Flowed:
         off = np.linalg.norm(self._free.places[:, None] - self._expected, axis=2)
         own = np.diag(off).copy()
         np.fill_diagonal(off, np.inf)
-        self._aliased |= own > RATIO * off.min(axis=1)
+        self.aliased |= own > RATIO * off.min(axis=1)
         self._expected = 2 * self._free.places - before
-        return positions, np.where(self._aliased, np.minimum(confidence, DOUBT), confidence)
+        return positions, np.where(self.aliased, np.minimum(confidence, DOUBT), confidence)
