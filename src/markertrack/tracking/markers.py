@@ -70,14 +70,14 @@ class MarkerTracker:
         if len(self._rigid):
             self._leave_soft(image, positions, confidence, time)
             for part in self._bodies.parts():
-                self._ask_flow(image, time, part, positions, confidence)
+                self._ask_flow(image, time, part, radii, positions, confidence)
         both = (confidence > DOUBT) & (self._last.confidence > DOUBT)
         steps = np.where(both[:, None], positions - self._last.positions, self._last.steps)
         self._last = _Frame(image, time, positions.copy(), confidence.copy(), steps)
         return positions, confidence
 
     def _ask_flow(
-        self, image: Image, time: float, part: NDArray[np.int64], positions: Array, confidence: Array
+        self, image: Image, time: float, part: NDArray[np.int64], radii: Array, positions: Array, confidence: Array
     ) -> None:  # fmt: skip
         """Puts in what flow knows of markers of a body that aren't found any longer, until all are."""
         of, key = self._rigid[part], int(part[0])
@@ -90,8 +90,11 @@ class MarkerTracker:
             self._doubted[key] = _Flowed(self._last, looks, places, known, self._last.steps[of])
         flowed = self._doubted[key]
         places, sure = flowed.follow(image, time)
-        certain = sure >= CERTAIN if believed.any() else sure > DOUBT  # against a body that fits flow alone isn't enough
-        both, more = certain & believed, certain & ~believed
+        certain = (
+            sure >= CERTAIN if believed.any() else sure > DOUBT
+        )  # against a body flow is too little
+        doubled = self._doubled(places, flowed.radii, positions, np.where(confidence > DOUBT, radii, np.nan))
+        both, more = certain & believed, certain & ~believed & ~doubled
         apart = both & (np.linalg.norm(places - positions[of], axis=1) > flowed.radii)
         if apart.sum() <= both.sum() / 2:  # the body is right
             flowed.aliased |= apart
