@@ -37,7 +37,7 @@ def test_an_ensemble_of_the_record_alone(program, run_folder, pool_folder, tmp_p
 
 @pytest.mark.slow
 def test_ctrl_c_leaves_a_study_that_goes_on(run_folder, pool_folder):
-    words = ("identify", run_folder, "--reference", pool_folder, "--rounds", 1)
+    words = ("identify", run_folder, "--reference", pool_folder, "--rounds", 1, "--anyway")
     begun = process(*words)
     line = next(line for line in begun.stderr if "lowest" in line)
     assert " s left" in line

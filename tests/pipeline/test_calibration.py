@@ -22,6 +22,7 @@ from swim2real.optimizers import (
     LeastSquares,
     MultiStart,
     RandomSearch,
+    Sequel,
     Staged,
     first_point,
 )
@@ -76,9 +77,17 @@ def test_wrong_settings_are_named(changes, parts):
     assert says(refusal(ArgumentError, CalibrationSettings, **changes), *parts)
 
 
+def test_the_physics_advisor_leads_multi_start_where_a_response_is_known():
+    optimizer = make_optimizer(CalibrationSettings(seed=17), FISH, LOGARITHMIC)
+    assert isinstance(optimizer, Sequel)
+    np.testing.assert_array_equal(optimizer.ask().point, first_point(len(LOGARITHMIC), 17))
+    unknown = replace(FISH, trials=replace(FISH.trials, response=None))
+    assert isinstance(make_optimizer(CalibrationSettings(seed=17), unknown, LOGARITHMIC), MultiStart)
+
+
 @pytest.mark.parametrize(("method", "kind"), KINDS.items())
 def test_each_method_has_its_optimizer_which_begins_at_the_first_point_of_the_seed(method, kind):
-    optimizer = make_optimizer(CalibrationSettings(method=method, seed=17), FISH, LOGARITHMIC, PHYSICS)
+    optimizer = make_optimizer(CalibrationSettings(method=method, seed=17), FISH, LOGARITHMIC, PHYSICS, led=False)
     assert isinstance(optimizer, kind)
     if method != "cma-es":
         np.testing.assert_array_equal(optimizer.ask().point, first_point(len(LOGARITHMIC), 17))
@@ -131,7 +140,7 @@ def test_a_run_is_begun_once_and_goes_on_with_its_own_reference(begun, pool):
     before = (begun / "record.jsonl").read_bytes()
     with pytest.raises(RunError, match="holds a run already; go on with --resume"):
         calibrate(pool, FISH, CalibrationSettings(method="random", budget=1), begun)
-    with pytest.raises(RunError, match='method was "random" and is now "line-search"'):
+    with pytest.raises(RunError, match='method was "random" and is now "multi-start"'):
         calibrate(pool, FISH, CalibrationSettings(budget=2), begun, resume=True)
     other = TrialSet((replace(pool.trials[0], name="f1_21"), pool.trials[1]), pool.marker_names)
     with pytest.raises(RunError, match=r"can't go on: reference_fingerprint was .* and is now"):
