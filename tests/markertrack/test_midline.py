@@ -6,8 +6,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from drawn_swimmers import FPS, Swimmer, film
 
+from drawn_swimmers import FPS, Swimmer, film
 from markertrack import HowToTrack, Layout, TrackedFilm, track_film
 from markertrack.corrections import find_stretches
 from markertrack.quality import DOUBTFUL
@@ -149,7 +149,7 @@ def test_swapped_clicks_are_reported(tmp_path):
     [
         ((60, 70), {}, "stands out of the ground in"),
         ((0, 12), {}, "ends 12 px from a click"),
-        ((0, 0), {"add": two_tones}, "two tones"),
+        ((0, 0), {"add": two_tones, "ground": 130}, "two tones"),
     ],
 )
 def test_what_is_no_swimmer_of_one_tone_is_refused(shift, options, message, tmp_path):
