@@ -28,7 +28,7 @@ LEAST_NOISE = 0.5  # levels
 NOISES = 4.0  # standard deviations of the ground's noise, below which nothing is swimmer
 FAINT = 10  # percentile of contrast on the way between the clicks that is the swimmer's faintest part
 VISIBLE = 0.8  # of that way that must stand out
-TONE, TWO_TONES = 0.75, 0.25  # contrast, and area, of a part of the contrary tone, as shares of the swimmer's
+TONE, TWO_TONES = 0.6, 0.15  # contrast, and area, of a part of the contrary tone, as shares of the swimmer's
 LEAST_AREA, MOST_AREA = 0.2, 3.0  # of the clicked swimmer's, within which a shape is looked at
 PART = 0.05  # of the swimmer's area, from which something else may be a part of it
 GLINT = 0.02  # of a shape's area, up to which a hole is none
@@ -95,13 +95,14 @@ class Silhouette:
                 "ground: click its ends in another frame, or put markers on it and track these"
             )
         usual = float(np.median(along[seen]))
-        tone = _smooth(self._bright(clicked))[_beside(clicked.shape[:2], ends, BESIDE)] / usual
+        tone = _smooth(self._bright(clicked))
+        tone = tone[_beside(tone.shape, ends, BESIDE)] / np.percentile(tone[path[:, 1], path[:, 0]], 90)
         own, contrary = (np.count_nonzero(sign * tone > TONE) for sign in (1, -1))
         if contrary > TWO_TONES * own:
             raise TrackingError(
                 f"the swimmer has two tones: for 100 px that are {_darker(self._color[0])} than the ground "
-                f"{100 * contrary / own:.0f} are the contrary, and a midline needs one tone: put markers on it, or track "
-                "those that it has"
+                f"{100 * contrary / own:.0f} are the contrary, and a midline needs one tone: put markers on it, or "
+                "track those that it has"
             )
         self.level = max(0.5 * float(np.percentile(along[seen], FAINT)), NOISES * noise)
         self.length = float(np.hypot(*np.diff(path, axis=0).T).sum())
