@@ -149,7 +149,7 @@ def test_swapped_clicks_are_reported(tmp_path):
     [
         ((60, 70), {}, "stands out of the ground in"),
         ((0, 12), {}, "ends 12 px from a click"),
-        ((0, 0), {"add": two_tones}, "two tones"),
+        ((0, 0), {"add": two_tones, "ground": 130}, "two tones"),
     ],
 )
 def test_what_is_no_swimmer_of_one_tone_is_refused(shift, options, message, tmp_path):

@@ -22,6 +22,8 @@ REASONS = (
     "its other end may be the head", "it jumps or meets another shape, and isn't alone since",
 )  # fmt: skip
 DOUBTED = 6.0  # standard deviations at which a confidence is a half
+SHORT = 0.5  # weight of lengths, and areas, that are too small: a tail fades, and what is seen of it is right
+MERGED = 0.25  # logarithm of its area by the usual one, from which it has met another shape
 JUMP = 0.008, 0.03  # lengths that the head's jumps have as a standard deviation, at least and at most
 LIKELY = 5.0  # cost that the second best path must have more
 NEAR, FORE = 0.08, POINTS * 3 // 4  # lengths within which something else may be a part of it, except at the tail
@@ -50,11 +52,13 @@ def judge(
     points = np.array([along(curve, swimmer.length) for curve in curves]) / swimmer.length
     body = np.nanmean(points[:, POINTS // 10 : POINTS // 2], axis=1)
     values = np.column_stack([off, np.hypot(*(_bent(points[:, 0]) - _bent(body)).T)])
-    scores = np.abs(values) / np.clip(spread(values), (*LEAST, JUMP[0]), (*MOST, JUMP[1]))
+    scores = (
+        np.where(values < 0, SHORT, 1.0) * np.abs(values) / np.clip(spread(values), (*LEAST, JUMP[0]), (*MOST, JUMP[1]))
+    )
 
     step = np.hypot(*np.diff(body, axis=0).T)
     around = np.maximum(np.append(step[1:], 0), np.append(0, step[:-1])) + STEP
-    merged = (scores[:, 1] > DOUBTED) & (off[:, 1] > 0)
+    merged = off[:, 1] > MERGED
     alone = np.array([len({curve.shape for curve in found[t]}) < 2 for t in frames.tolist()])
     whole = np.array([along(curve, curve.length) for curve in curves])
     stays, swaps = (np.linalg.norm(one - whole[:-1], axis=2).mean(axis=1) for one in (whole[1:], whole[1:, ::-1]))

@@ -28,7 +28,7 @@ LEAST_NOISE = 0.5  # levels
 NOISES = 4.0  # standard deviations of the ground's noise, below which nothing is swimmer
 FAINT = 10  # percentile of contrast on the way between the clicks that is the swimmer's faintest part
 VISIBLE = 0.8  # of that way that must stand out
-TWO_TONES = 0.25  # of the pixels of the swimmer's tone, above which those of the contrary one are a part of it
+TONE, TWO_TONES = 0.6, 0.15  # contrast, and area, of a part of the contrary tone, as shares of the swimmer's
 LEAST_AREA, MOST_AREA = 0.2, 3.0  # of the clicked swimmer's, within which a shape is looked at
 PART = 0.05  # of the swimmer's area, from which something else may be a part of it
 GLINT = 0.02  # of a shape's area, up to which a hole is none
@@ -94,13 +94,15 @@ class Silhouette:
                 f"of its length; a midline takes at least {100 * VISIBLE:.0f} %, a swimmer of one tone on an even "
                 "ground: click its ends in another frame, or put markers on it and track these"
             )
-        tone, usual = self._bright(clicked)[_beside(clicked.shape[:2], ends, BESIDE)], float(np.median(along[seen]))
-        others, own = ((sign * tone > 0.5 * usual).sum() for sign in (-1, 1))
-        if others > TWO_TONES * own:
+        usual = float(np.median(along[seen]))
+        tone = _smooth(self._bright(clicked))
+        tone = tone[_beside(tone.shape, ends, BESIDE)] / np.percentile(tone[path[:, 1], path[:, 0]], 90)
+        own, contrary = (np.count_nonzero(sign * tone > TONE) for sign in (1, -1))
+        if contrary > TWO_TONES * own:
             raise TrackingError(
-                f"the swimmer has two tones: for 100 px that are {_darker(self._color[0])} than the ground around it "
-                f"{100 * others / own:.0f} are the contrary, and a midline needs one tone: put markers on it, or track "
-                "those that it has"
+                f"the swimmer has two tones: for 100 px that are {_darker(self._color[0])} than the ground "
+                f"{100 * contrary / own:.0f} are the contrary, and a midline needs one tone: put markers on it, or "
+                "track those that it has"
             )
         self.level = max(0.5 * float(np.percentile(along[seen], FAINT)), NOISES * noise)
         self.length = float(np.hypot(*np.diff(path, axis=0).T).sum())
@@ -179,21 +181,9 @@ def _beside(shape: tuple[int, ...], ends: Array, share: float) -> Mask:
 
 def _without_swimmer(ground: Picture, clicked: Picture, ends: Array, far: float) -> Picture:
     """The ground, where it holds the swimmer as it is in the clicked picture taken from around."""
-    share = min(1.0, COARSE / far)
-    size = tuple(max(8, round(share * n)) for n in ground.shape[::-1])
-    side = round(0.5 * share * far) | 1
-    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side))
-
-    def under(picture: Picture) -> tuple[Picture, Picture]:
-        small = cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
-        opened = np.asarray(cv2.morphologyEx(small, cv2.MORPH_OPEN, kernel), dtype=np.float32)
-        above = np.asarray(small, dtype=np.float32) - opened
-        usual = np.float32(np.median(above))  # by noise
-        return opened + usual, above - usual
-
-    _, stands = under(clicked)
-    opened, held = under(ground)
-    beside = np.asarray(cv2.resize(_beside(ground.shape, ends, BESIDE).astype(np.uint8), size)) > 0
+    _, stands = _coarse(clicked, far)
+    opened, held = _coarse(ground, far)
+    beside = np.asarray(cv2.resize(_beside(ground.shape, ends, BESIDE).astype(np.uint8), held.shape[::-1])) > 0
     level = 0.5 * float(np.percentile(stands[beside], 90))
     swimmer = np.asarray(cv2.dilate(((stands > level) & beside).astype(np.uint8), np.ones((3, 3), np.uint8)))
     if held[swimmer > 0].max(initial=0.0) < level:
@@ -205,6 +195,19 @@ def _without_swimmer(ground: Picture, clicked: Picture, ends: Array, far: float)
     inside = np.asarray(cv2.resize(hole, wide, interpolation=cv2.INTER_NEAREST)) > 0
     filled = np.asarray(cv2.resize(opened, wide, interpolation=cv2.INTER_LINEAR), dtype=np.float32)
     return np.where(inside, np.minimum(filled, ground), ground)
+
+
+def _coarse(picture: Picture, far: float) -> tuple[Picture, Picture]:
+    """A small picture without what is bright and narrower than half a length [px], and what that is."""
+    share = min(1.0, COARSE / far)
+    size = tuple(max(8, round(share * n)) for n in picture.shape[::-1])
+    side = round(0.5 * share * far) | 1
+    small = np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), dtype=np.float32)
+    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side))
+    opened = np.asarray(cv2.morphologyEx(small, cv2.MORPH_OPEN, kernel), dtype=np.float32)
+    above = small - opened
+    usual = np.float32(np.median(above))  # by noise
+    return opened + usual, above - usual
 
 
 def _way(contrast: Picture, ends: Array, noise: float) -> NDArray[np.int64]:
