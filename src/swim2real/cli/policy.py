@@ -65,9 +65,9 @@ def train(
     from swim2real.pipeline.training import train as run_training
     from swim2real.rl.conditions import Disturbances, StateEstimate
 
-    heed(parameters, anyway or resume, "train in it")
     cores = os.cpu_count() or 1
     trained = robot_for(parameters, robot)
+    heed(parameters, anyway or resume, "train in it")
     phases = (-math.pi, math.pi) if any_phase else (0.0, 0.0)
     estimate = None
     if noise is not None or delay is not None:

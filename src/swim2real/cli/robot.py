@@ -125,8 +125,8 @@ def export_model(
     from swim2real.viewing.scenery import furnish
     from swimbase.store import write_text, writing
 
-    heed(parameters, anyway, "export it")
     body = robot_for(parameters, robot)
+    heed(parameters, anyway, "export it")
     published = str(parameters) == PUBLISHED
     values = body.space.published if published else read_parameters(parameters, body.name, body.space).values
     spec = body.build(values)

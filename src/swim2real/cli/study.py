@@ -49,8 +49,9 @@ def identify(
     from swim2real.identification.identifiability import IDENTIFIABILITY, IDENTIFIED
     from swim2real.trials import load_reference
 
+    studied = robot_for(run, robot)
     heed(run, anyway, "study it")
-    opened = reopen(run, load_reference(reference), robot_for(run, robot), all_cores(threads))
+    opened = reopen(run, load_reference(reference), studied, all_cores(threads))
     begins = again or not (run / IDENTIFIABILITY).is_file()  # else it was said before, or nothing is left to simulate
     if begins and not quiet and len(ends_of(opened.folder.record(), opened.folder.outcome())) < 2:
         tell("the run has followed fewer than two starts to the end, so no parameter will count as identified; Ctrl-C, "
@@ -197,8 +198,9 @@ def next_trial(
 
     if seed < 0:
         raise ArgumentError(f"--seed is {seed}; it must be 0 or above")
+    studied = robot_for(run, robot)
     heed(run, anyway, "use it")
-    opened = reopen(run, load_reference(reference), robot_for(run, robot), all_cores(threads))
+    opened = reopen(run, load_reference(reference), studied, all_cores(threads))
     sets, folder, console = fitting_sets(opened), out or run / "next", progress_console()
     possible = possible_trials(opened.problem, opened.space.to_values(sets.lowest))
     judged: list[JudgedTrial] = []
