@@ -90,9 +90,7 @@ class MarkerTracker:
             self._doubted[key] = _Flowed(self._last, looks, places, known, self._last.steps[of])
         flowed = self._doubted[key]
         places, sure = flowed.follow(image, time)
-        certain = (
-            sure >= CERTAIN if believed.any() else sure > DOUBT
-        )  # against a body flow is too little
+        certain = sure >= CERTAIN if believed.any() else sure > DOUBT  # against a body flow is too little
         doubled = self._doubled(places, flowed.radii, positions, np.where(confidence > DOUBT, radii, np.nan))
         both, more = certain & believed, certain & ~believed & ~doubled
         apart = both & (np.linalg.norm(places - positions[of], axis=1) > flowed.radii)
