@@ -1,7 +1,7 @@
 """Tracks the markers of a robot whose trials are recordings: bodies of several by their shape, single ones by flow.
 
-A marker that its body can't place is followed by flow from where it was. A body that most of its markers contradict by
-flow isn't believed. A body that turns out not to keep its shape is left to flow from then on.
+A marker that its body can't place is followed by flow from where it was. A body that turns out not to keep its shape is
+left to flow from then on.
 """
 
 from __future__ import annotations
@@ -93,13 +93,9 @@ class MarkerTracker:
         certain = sure >= CERTAIN if believed.any() else sure > DOUBT  # against a body flow is too little
         doubled = self._doubled(places, flowed.radii, positions, np.where(confidence > DOUBT, radii, np.nan))
         both, more = certain & believed, certain & ~believed & ~doubled
-        apart = both & (np.linalg.norm(places - positions[of], axis=1) > flowed.radii)
-        if apart.sum() <= both.sum() / 2:  # the body is right
-            flowed.aliased |= apart
-        else:
-            confidence[of[apart]] = DOUBT
+        flowed.aliased |= both & (np.linalg.norm(places - positions[of], axis=1) > flowed.radii)
         positions[of[more]], confidence[of[more]] = places[more], sure[more]
-        if (confidence[of] > DOUBT).all() and believed.all():
+        if believed.all():
             del self._doubted[key]
 
     @staticmethod

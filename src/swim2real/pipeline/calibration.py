@@ -116,7 +116,6 @@ def calibrate(
         best, search = calibration.minimize(
             problem, space, optimizer, None if resolved.finish else resolved.budget, folder, on_progress,
             None if first is None else space.to_cube(first), settings.minutes, slopes,
-            calibration.CoarseSteps(problem) if resolved.search > 1 and resolved.method == "multi-start" else None,
         )  # fmt: skip
         interrupted = search.ending == "interrupted"  # whoever did it doesn't want to wait
         effects = calibration.sensitivities(problem, space, best.values) if sensitivity and not interrupted else None
