@@ -146,12 +146,3 @@ def test_a_start_that_is_known_to_be_good_is_followed_before_the_others_are_eval
     assert {note.get("start", 1) for note in notes(told[:begun])} == {1}
     assert any(note.get("last") for note in notes(told[:begun]))
     np.testing.assert_array_equal(points(told[begun : begun + 5]), starts[1:])
-
-
-def test_what_comes_before_the_whole_residual_may_be_coarse():
-    told = searched(900, walled, [np.full(D, share) for share in (0.1, 0.9, 0.4, 0.6, 0.25, 0.7, 0.95, 0.05)])
-    stages = {
-        is_coarse: {note.get("stage") for note in notes(told) if note.get("coarse", False) == is_coarse}
-        for is_coarse in (False, True)
-    }
-    assert stages == {False: {None, 3, 4}, True: {None, 1, 2}}

@@ -1,6 +1,5 @@
 """Calibration: the loop around an optimizer and a simulator, with its record."""
 
-from swim2real.calibration.coarse import CoarseSteps
 from swim2real.calibration.file_models import Outcome, Verdict
 from swim2real.calibration.loop import Progress, minimize
 from swim2real.calibration.problem import Problem
@@ -13,7 +12,7 @@ from swim2real.calibration.sensitivity import Sensitivity, Slopes, sensitivities
 from swim2real.calibration.verdict import sizes_of
 
 __all__ = [
-    "SEARCH", "CoarseSteps", "Outcome", "Problem", "Progress", "RealSwim", "RunFolder", "RunSettings", "SavedTrial",
+    "SEARCH", "Outcome", "Problem", "Progress", "RealSwim", "RunFolder", "RunSettings", "SavedTrial",
     "Sensitivity", "Slopes", "Verdict", "conclude", "examine_swims", "load_trials", "made_by", "minimize",
     "protocol_for", "reference_fingerprint", "sensitivities", "sizes_of", "versions",
 ]  # fmt: skip

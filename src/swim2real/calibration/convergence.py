@@ -25,7 +25,7 @@ _SPREAD = ("first point", "start", "initial")  # sources of points that no searc
 
 def incumbent(entries: Sequence[RecordedEvaluation]) -> RecordedEvaluation | None:
     """The entry with the lowest loss of those that didn't fail, the earliest of equals; None when all failed."""
-    return min((entry for entry in entries if not entry.failed), key=lambda entry: entry.at_most, default=None)
+    return min((entry for entry in entries if not entry.failed), key=lambda entry: entry.loss, default=None)
 
 
 def best_losses(entries: Sequence[RecordedEvaluation]) -> list[float]:

@@ -15,8 +15,6 @@ from swim2real.objective.figures import Fact, FitFigures, Text
 from swimbase.checking import Number
 
 Whole = Annotated[int, Field(strict=True, ge=0, le=10**9)]
-_COARSE = 0.1  # of the loss of a coarse evaluation, by which it may be too low
-
 Kind = Literal["good", "not finished", "not usable"]
 Share = Annotated[float, Field(strict=True, ge=0, le=1)]
 
@@ -45,7 +43,6 @@ class _Note(_Part):
     step_size: Number | None = None
     parameter: Text | Whole | None = None  # a name, or an index of the cube
     proposal: Proposal | None = None
-    coarse: bool = False  # whether its time step was longer than the model's own
 
 
 class RecordedEvaluation(_Part):
@@ -60,11 +57,6 @@ class RecordedEvaluation(_Part):
     note: _Note
     evidence: FitFigures
     seconds: Number | None = None
-
-    @property
-    def at_most(self) -> float:
-        """Loss, of a coarse evaluation with the error that it may have [m]: by this the best one is chosen."""
-        return self.loss * (1.0 + _COARSE * self.note.coarse)
 
 
 class TrialSummary(_Part):

@@ -20,7 +20,6 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from swim2real.calibration.coarse import CoarseSteps
 from swim2real.calibration.file_models import RecordedEvaluation
 from swim2real.calibration.problem import Problem
 from swim2real.calibration.run_folder import RunFolder
@@ -88,7 +87,7 @@ class Progress:
 def minimize(
     problem: Problem, space: ParameterSpace, optimizer: Optimizer, budget: int | None, folder: RunFolder,
     on_progress: Callable[[Progress], None] = lambda progress: None, prior: NDArray[np.float64] | None = None,
-    minutes: float | None = None, slopes: Slopes | None = None, steps: CoarseSteps | None = None,
+    minutes: float | None = None, slopes: Slopes | None = None,
 ) -> tuple[RecordedEvaluation, Search]:  # fmt: skip
     """Runs or goes on with a calibration until the optimizer is done or the budget is spent.
 
@@ -103,7 +102,6 @@ def minimize(
             residuals, a whole range as a hundredth of the first residual. Losses don't contain it. Shape (d,).
         minutes: Longest search from its first evaluation that isn't on record; None for any.
         slopes: Takes the residuals that an optimizer asks for.
-        steps: Evaluates candidates that may be coarse; None for the model's own step in all.
 
     Returns:
         The record's entry of the incumbent, and how the search ended.
@@ -118,7 +116,7 @@ def minimize(
     started, fresh, pace = time.monotonic(), 0, 0.0
     ending: Ending = "budget"
     lowest: list[float] = []
-    recorded, scale, ahead = folder.record(), None, _Ahead(problem, space, optimizer, steps)
+    recorded, scale, ahead = folder.record(), None, _Ahead(problem, space, optimizer)
     most = sys.maxsize if budget is None else max(budget, len(recorded))
     for index in itertools.count():
         replayed = index < len(recorded)
@@ -128,21 +126,21 @@ def minimize(
             ending = ended
             break
         candidate = optimizer.ask()
-        comparison, coarse = None, False
+        comparison = None
         if replayed:
             entry = recorded[index]
             _check_replay(entry, candidate, index, folder, space)
             if optimizer.needs_residual:
-                comparison, coarse = ahead.comparison(candidate, most - index)
+                comparison = ahead.comparison(candidate, most - index)
         else:
             began = time.monotonic()
-            comparison, coarse = ahead.comparison(candidate, most - index)
-            content = _entry(index, candidate, space, comparison, coarse)
+            comparison = ahead.comparison(candidate, most - index)
+            content = _entry(index, candidate, space, comparison)
             content["seconds"] = round(time.monotonic() - began, 3)
             folder.append(content)
             entry = RecordedEvaluation.model_validate(content)
             fresh += 1
-        improved = not entry.failed and (best is None or entry.at_most < best.at_most)
+        improved = not entry.failed and (best is None or entry.loss < best.loss)
         before = best
         if improved or best is None:
             best = entry
@@ -150,7 +148,7 @@ def minimize(
             with writing(folder.best_path, RunError, "--resume goes on"):
                 write_fit(folder.best_path, problem, best.values, loss=best.loss, evaluation=best.index)
         residual = comparison.residual_vector() if comparison is not None and optimizer.needs_residual else None
-        if residual is not None and slopes is not None and not entry.failed and not coarse:
+        if residual is not None and slopes is not None and not entry.failed:
             slopes.add(candidate.point, residual)
         if residual is not None and prior is not None:
             scale = scale or (_PRIOR * float(np.linalg.norm(residual)) if not entry.failed else None)
@@ -190,33 +188,22 @@ def _ended(optimizer: Optimizer, made: int, budget: int | None, started: float, 
 class _Ahead:
     """Evaluates a candidate together with those that the optimizer will ask next whatever comes of it."""
 
-    def __init__(
-        self, problem: Problem, space: ParameterSpace, optimizer: Optimizer, steps: CoarseSteps | None
-    ) -> None:
-        self._problem, self._space, self._optimizer, self._steps = problem, space, optimizer, steps
+    def __init__(self, problem: Problem, space: ParameterSpace, optimizer: Optimizer) -> None:
+        self._problem, self._space, self._optimizer = problem, space, optimizer
         self._coming: deque[Candidate] = deque()
-        self._comparisons: Iterator[tuple[Comparison, bool]] = iter(())
+        self._comparisons: Iterator[Comparison] = iter(())
 
-    def comparison(self, candidate: Candidate, most: int) -> tuple[Comparison, bool]:
-        """The comparison of the candidate that was asked last, and whether it is coarse.
-
-        No more than so many are made at a time.
-        """
+    def comparison(self, candidate: Candidate, most: int) -> Comparison:
+        """The comparison of the candidate that was asked last; no more than so many are made at a time."""
         if not self._coming:
             self._coming.extend([candidate, *self._optimizer.upcoming()][:most])
             values = [self._space.to_values(one.point) for one in self._coming]
-            if self._steps is None:
-                self._comparisons = ((one, False) for one in self._problem.evaluate_each(values))
-            else:
-                self._comparisons = self._steps.evaluate(values, [one.coarse for one in self._coming])
+            self._comparisons = self._problem.evaluate_each(values)
         self._coming.popleft()
         return next(self._comparisons)
 
 
-def _entry(
-    index: int, candidate: Candidate, space: ParameterSpace, comparison: Comparison, coarse: bool
-) -> dict[str, object]:
-    note = {name: value for name, value in candidate.note.items() if name != "coarse"}
+def _entry(index: int, candidate: Candidate, space: ParameterSpace, comparison: Comparison) -> dict[str, object]:
     return {
         "index": index,
         "loss": comparison.loss,
@@ -224,7 +211,7 @@ def _entry(
         "reason": comparison.divergence,
         "point": [float(x) for x in candidate.point],
         "values": space.to_values(candidate.point),
-        "note": note | ({"coarse": True} if coarse else {}),
+        "note": dict(candidate.note),
         "evidence": evidence(comparison),
     }
 

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
 from typing import Any
 
-import mujoco
 import numpy as np
 
 from swim2real.calibration.from_rest import FromRest, backward_at_first, settled, swims_from_rest
@@ -117,28 +114,11 @@ class Problem:
 
     def evaluate_each(self, candidates: Sequence[Values]) -> Iterator[Comparison]:
         """The same for several candidates in their order, each as soon as it is there, some at a time."""
-        yield from self.evaluate_jobs([(self, values) for values in candidates])
-
-    def evaluate_jobs(self, jobs: Sequence[tuple[Problem, Values]]) -> Iterator[Comparison]:
-        """The same for candidates that have a problem each."""
-        if len(jobs) == 1:
-            ((problem, values),) = jobs
-            yield problem.evaluate(values)
+        if len(candidates) == 1:
+            yield self.evaluate(candidates[0])
             return
         with ThreadPoolExecutor(self._threads) as pool:
-            yield from pool.map(lambda job: job[0].evaluate(job[1]), jobs)
-
-    def with_longer_step(self, factor: float) -> Problem:
-        """The same problem, simulated with a longer time step than the robot's own, this factor of it."""
-
-        def build(values: Values) -> mujoco.MjSpec:
-            spec = self.robot.build(values)
-            spec.option.timestep *= factor
-            return spec
-
-        longer = copy.copy(self)
-        longer.simulator = self.protocol.simulator(replace(self.robot, build=build), self._threads)
-        return longer
+            yield from pool.map(self.evaluate, candidates)
 
     def blocks(self) -> list[tuple[int, int]]:
         """Rows, in time, and columns of each block of numbers that a comparison's residual vector consists of."""

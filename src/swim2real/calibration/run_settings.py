@@ -9,7 +9,7 @@ from swim2real.settings import CalibrationSettings, asks_a_vlm
 from swim2real.simulation import Engine
 
 FORMAT = 1
-SEARCH = 2  # what multi-start does: 1 until its starts were led and evaluations had coarse steps
+SEARCH = 2  # what multi-start does: 1 until its starts were led
 _FREE = ("budget", "minutes", "threads", "finish")  # may differ when a run goes on
 _ORIGIN = ("robot_file", "reference", "versions", "commit", "created")  # decide nothing
 

@@ -27,7 +27,7 @@ class FinishedRun:
         settings: Recorded settings.
         problem: The fitted trials and a simulator, as in the run.
         space: Parameters on the run's scale.
-        record: Evaluations that didn't fail, with the model's own time step where there are any.
+        record: Evaluations that didn't fail.
     """
 
     folder: RunFolder
@@ -39,7 +39,7 @@ class FinishedRun:
     @property
     def best(self) -> RecordedEvaluation:
         """The record's entry of the lowest loss, the first of several."""
-        return min(self.record, key=lambda entry: entry.at_most)
+        return min(self.record, key=lambda entry: entry.loss)
 
     def conditions(self) -> dict[str, object]:
         """Conditions that decide a loss, for the file of a study: robot, protocol, trials, reference and engine."""
@@ -83,8 +83,7 @@ def reopen(path: str | Path, reference: TrialSet, robot: Robot, threads: int | N
     note = problem.engine.difference(settings.engine.as_dict())
     if note:
         raise RunError(f"run '{folder.path}' was {note}; losses can't be compared, so make a new run")
-    proper = [e for e in folder.record() if not e.failed]
-    record = tuple([e for e in proper if not e.note.coarse] or proper)
+    record = tuple(e for e in folder.record() if not e.failed)
     if not record:
         raise RunError(f"run '{folder.path}' has no evaluation that went well; calibrate first")
     space = replace(robot.space, scale=settings.resolved_scale)

@@ -59,11 +59,6 @@ class Candidate:
     point: Array
     note: Mapping[str, Any] = field(default_factory=dict[str, object])
 
-    @property
-    def coarse(self) -> bool:
-        """Whether an error of some percent doesn't matter to who asks, as its note says."""
-        return bool(self.note.get("coarse"))
-
 
 @dataclass(frozen=True)
 class Evaluation:

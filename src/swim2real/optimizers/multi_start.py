@@ -33,7 +33,6 @@ _START_RADIUS, _WIDE_RADIUS, _CLOSE_RADIUS = 0.05, 0.1, 0.02
 _WORTHWHILE = 0.95  # share of the loss to which going the way from an end again must lower it, to be repeated
 _DEEPER = 0.99  # and the same of going to its bottom
 _MOST, _FEW = 120, 5  # evaluations per parameter after which a search ends anyway, of as many more than there are
-_COARSE = {"coarse": True}  # in notes: what comes before the whole residual needs no exact loss
 _TYPICAL = 15  # evaluations per parameter until the first end, as progress is reported before it
 Start: TypeAlias = tuple[int, Evaluation]
 
@@ -118,9 +117,7 @@ class MultiStart(Optimizer):
 
     def _run(self) -> Search[None]:
         first, *others = self._starts
-        starts = [
-            Candidate(point, {"source": "start", "start": number, **_COARSE}) for number, point in enumerate(others, 2)
-        ]
+        starts = [Candidate(point, {"source": "start", "start": number}) for number, point in enumerate(others, 2)]
         begun = yield [Candidate(first, {"source": "first point"}), *starts[: 0 if self._led else None]]
         if self._led:
             if not begun[0].failed:
@@ -153,7 +150,7 @@ class MultiStart(Optimizer):
             formed = sorted(formed, key=lambda one: one[1].squares[0])[: max(len(formed) // 2, 1)]
             begun = [(number, points.best) for number, points in formed]
         number, points = formed[0]
-        alike = yield from points.alike(_ALIKE * self.dimension, self._rng, {"start": number, **_COARSE})
+        alike = yield from points.alike(_ALIKE * self.dimension, self._rng, {"start": number})
         known = [one for one in (points.best, *alike) if not one.failed]
         return number, min(known, key=lambda one: squares(one, self._eased))
 
@@ -164,7 +161,7 @@ class MultiStart(Optimizer):
             if not self._waiting:
                 number = next(self._numbers)
                 point = cube_point(self._rng.random(self.dimension))
-                (one,) = yield [Candidate(point, {"source": "start", "start": number, **_COARSE})]
+                (one,) = yield [Candidate(point, {"source": "start", "start": number})]
                 self._waiting.update({} if one.failed else {number: one})
                 continue
             heights = {number: squares(one, stage) for number, one in self._waiting.items()}
@@ -173,13 +170,13 @@ class MultiStart(Optimizer):
         return taken
 
     def _form(self, number: int, base: Evaluation, radius: float) -> Search[tuple[int, Surrounded]]:
-        points = yield from surround(base, radius, {"start": number, **_COARSE})
-        yield from go_down(points, 0, EXACT, {"start": number, **_COARSE}, _FORMING_TRUST)
+        points = yield from surround(base, radius, {"start": number})
+        yield from go_down(points, 0, EXACT, {"start": number}, _FORMING_TRUST)
         return number, points
 
     def _ease(self, number: int, base: Evaluation) -> Search[tuple[int, Surrounded]]:
-        points = yield from surround(base, _START_RADIUS, {"start": number, **_COARSE})
-        yield from go_down(points, self._eased, self._brief, {"start": number, **_COARSE}, _WIDE_RADIUS)
+        points = yield from surround(base, _START_RADIUS, {"start": number})
+        yield from go_down(points, self._eased, self._brief, {"start": number}, _WIDE_RADIUS)
         return number, points
 
     def _to_the_end(self, points: Surrounded, note: Mapping[str, Any]) -> Search[Evaluation]:
@@ -188,16 +185,12 @@ class MultiStart(Optimizer):
         return (yield from self._to_the_bottom(base, note))
 
     def _to_the_bottom(self, base: Evaluation, note: Mapping[str, Any]) -> Search[Evaluation]:
-        if base.candidate.coarse:
-            (exact,) = yield [Candidate(base.candidate.point, {"source": "again", **note})]
-            base = base if exact.failed else exact
         points = yield from surround(base, _CLOSE_RADIUS, note)
         return (yield from go_down(points, len(base.stages) - 1, EXACT, {**note, "last": True}, _WIDE_RADIUS))
 
     def _all_the_way(self, base: Evaluation, note: Mapping[str, Any]) -> Search[Evaluation]:
-        coarse = {**note, **_COARSE}
-        points = yield from surround(base, _WIDE_RADIUS, coarse)
-        yield from go_down(points, self._eased, self._brief, coarse)
+        points = yield from surround(base, _WIDE_RADIUS, note)
+        yield from go_down(points, self._eased, self._brief, note)
         return (yield from self._to_the_end(points, note))
 
     def _deeper(self, best: Evaluation, number: int) -> Search[None]:
