@@ -116,10 +116,10 @@ class BodyTracker:
         return self._looks.of(markers), body.history[-1][1]
 
     def leave(self, markers: NDArray[np.int64]) -> tuple[Looks, Array]:
-        """Doesn't follow a body any longer, which is that of these markers: what they look like and where it was."""
-        body = next(body for body in self._bodies if body.markers[0] == markers[0])
-        self._bodies.remove(body)
-        return self._looks.of(markers), body.history[-1][1]
+        """Doesn't follow a body any longer, which is that of these markers: what is `known` of it."""
+        known = self.known(markers)
+        self._bodies = [body for body in self._bodies if body.markers[0] != markers[0]]
+        return known
 
     @property
     def radii(self) -> Array:
