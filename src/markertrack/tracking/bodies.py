@@ -86,6 +86,11 @@ class BodyTracker:
         self._time = time
         return result
 
+    def turn(self) -> None:
+        """Takes in that the film is played backward from here on."""
+        for body in self._bodies:
+            body.turn_back()
+
     def _expected(self, predicted: list[Array], pushed: list[bool]) -> list[Expected]:
         """Where the bodies should be, of which some may have been pushed farther than they are usually looked for."""
         expected: list[Expected] = []

@@ -85,6 +85,12 @@ class Body:
             places = places + _BEND * change * span * (span + 1) / 2
         return rigid_fit(self.shape, places)
 
+    def turn_back(self) -> None:
+        """Takes in that time runs backward from here on: it comes from where it would have gone."""
+        if len(self.history) > 1 and not self.unseen:
+            (before, _), (now, places) = self.history[-2:]
+            self.history = [(before, self.predicted(2 * now - before)), (now, places)]
+
     def spread(self, radius: float) -> float:
         """How far it may easily be from where it is expected, if its last labels are right [px]."""
         still = 1.0 + 0.25 * radius

@@ -86,6 +86,10 @@ class FreeTracker:
         self._time = time
         self.reasons = {reason: np.zeros(count, dtype=np.int64) for reason in REASONS}
 
+    def turn(self) -> None:
+        """Takes in that the film is played backward from here on."""
+        self._steps = -self._steps
+
     @property
     def places(self) -> Array:
         """Where the markers were, or would be [px]. Shape (M, 2)."""

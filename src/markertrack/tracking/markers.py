@@ -76,6 +76,14 @@ class MarkerTracker:
         self._last = _Frame(image, time, positions.copy(), confidence.copy(), steps)
         return positions, confidence
 
+    def turn(self) -> None:
+        """Takes in that the film is played backward from here on."""
+        for tracker, _ in self._parts:
+            tracker.turn()
+        for flowed in self._doubted.values():
+            flowed.turn()
+        self._last = self._last._replace(steps=-self._last.steps)
+
     def _ask_flow(
         self, image: Image, time: float, part: NDArray[np.int64], radii: Array, positions: Array, confidence: Array
     ) -> None:  # fmt: skip
@@ -149,6 +157,11 @@ class _Flowed:
     @property
     def radii(self) -> Array:
         return self._free.radii
+
+    def turn(self) -> None:
+        """Takes in that the film is played backward from here on."""
+        self._free.turn()
+        self._expected = 2 * self._free.places - self._expected
 
     def follow(self, image: Image, time: float) -> tuple[Array, Array]:
         """Places [px], shape (M, 2), and confidence, shape (M,), of the next frame."""
