@@ -68,7 +68,6 @@ class MarkerTracker:
             positions[of], confidence[of] = places, np.where(doubled, np.minimum(sure, DOUBT), sure)
             radii[of] = tracker.radii
         if len(self._rigid):
-            self._leave_soft(image, positions, confidence, time)
             for part in self._bodies.parts():
                 self._ask_flow(image, time, part, radii, positions, confidence)
         both = (confidence > DOUBT) & (self._last.confidence > DOUBT)

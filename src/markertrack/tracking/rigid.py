@@ -21,6 +21,7 @@ from markertrack.tracking.tracker import Array, Mask
 Labels = NDArray[np.int64]
 
 MISSED = 10.0  # cost of a marker that should be in the frame and has no spot, while one is left over elsewhere
+UNSEEN = 5.0  # cost of one of a body of more than two that may be outside of it: else a row is laid beside itself
 BESIDE = 0.5  # cost of a spot that is as far from its place as is allowed
 POOR, POOR_FEW = 1.0, 4.0  # cost of a spot that isn't like its marker at all, and where a body has one or two
 FARTHEST = 9.0  # cost of a body that isn't where it was expected, and of one turned, at most: it may have been pushed
@@ -275,6 +276,8 @@ def _tried(
             cost += BESIDE * (off[m] / tolerance) ** 2 + (POOR if markers > 2 else POOR_FEW) * (1 - looks[m, trial[m]])
         elif _inside(px, py, width, height) or _inside(predicted[m, 0], predicted[m, 1], width, height):
             cost += MISSED
+        elif markers > 2:
+            cost += UNSEEN
     away /= 2 * markers
     unexpected = 2 * np.log1p(away / spread**2) + NEARER * np.log1p(away / usual**2)
     cost += min(unexpected, FARTHEST) + min(2 * np.log1p(np.arctan2(s, c) ** 2 / (2 * swing**2)), FARTHEST)
