@@ -33,6 +33,8 @@ AGAIN, LATE = 2, 5  # frames that a marker must be seen in one after the other, 
 CLEAR = 0.65  # likeness of a spot, below which it is measured anew in its colors of now
 REPEATED = 0.02  # px that nothing moves by in a picture that repeats the last one
 SAME, SURELY = 0.75, 0.85  # correlation with its picture where it was carried to, and elsewhere
+BESIDE = 3.0  # radii from its place from which on a marker isn't in the picture of a spot
+UNLIKE = 0.5  # of a spot's contrast, by which one that stays may differ from what it was
 RATIO = 0.5  # of the distance to another marker or spot that may be meant as well
 AHEAD = 0.5  # of its step by which a marker may be beside where it is expected
 SLOWER = 0.5, 0.9  # of the speed in each frame in which it isn't seen, and of the largest one
@@ -84,6 +86,7 @@ class FreeTracker:
         self._lost = ~certain  # whether flow didn't carry it on since it was certain
         self._agreed = np.where(certain, AGAIN, 0)  # frames in which it was seen, one after the other
         self._time = time
+        self._before = [(self._flow.picture, places.copy())] if certain.all() else []
         self.reasons = {reason: np.zeros(count, dtype=np.int64) for reason in REASONS}
 
     def turn(self) -> None:
@@ -103,6 +106,7 @@ class FreeTracker:
         carried = moves.errors < np.maximum(MOST_OFF[0], MOST_OFF[1] * self.radii)
         carried &= (self._agreed > 0) | (self._doubtful <= CARRIED)
         carried &= inside(self._places + moves.steps, image)
+        carried &= ~self._stood(self._places + moves.steps, self.radii)  # else flow follows what is behind it
         expected = self._places + np.where(carried[:, None], moves.steps, self._steps)
         self._looks.grow(np.where(carried, moves.growths, 1.0))
         found = self._spots(image, expected, carried, moves)
@@ -118,6 +122,10 @@ class FreeTracker:
         for marker in np.flatnonzero(sure & self._jumped).tolist():
             sure[marker] = self._only(image, marker, positions, settled)
         self._count(positions, sure, found.alone)
+        if sure.all() and self._before:
+            moved = np.linalg.norm(positions - self._before[0][1], axis=1) > BESIDE * self.radii
+            if moved.all():
+                self._before[1:] = [(self._flow.picture, positions.copy())]
         self._take(positions, confidence > DOUBT, sure, moves, carried, np.array(image.shape[1::-1]) - 1)
         certain = np.flatnonzero(sure & (found.chosen >= 0))
         self._looks.learn(image, found.spots, certain, found.chosen[certain], np.zeros((len(certain), 2)))
@@ -127,7 +135,7 @@ class FreeTracker:
     def _spots(self, image: Image, expected: Array, carried: Mask, moves: _Moves) -> _Found:
         """The spots that look like the markers where they are looked for."""
         speed = np.maximum(self._fastest, np.hypot(*self._steps.T))
-        far = np.minimum(FAR * self.radii + speed * (1 + self._doubtful), MOST_FAR * self.radii + speed)
+        far = FAR * self.radii + np.maximum(speed, self.radii) * (1 + self._doubtful)
         reach = np.where(carried, NEAR[0] * self.radii + NEAR[1], far)
         spots, of = self._measured(image, squares(expected, reach + 0.5 * self.radii), carried)
         chosen, alone = np.full(len(expected), -1), np.ones(len(expected), dtype=bool)
@@ -166,7 +174,18 @@ class FreeTracker:
         np.fill_diagonal(touching, True)
         found = [self._looks.find(image, np.where(one[:, None], boxes, 0)) for one in touching]
         of = np.repeat(np.arange(len(boxes)), [len(spots) for spots in found])
-        return Spots(*(np.concatenate([vars(one)[name] for one in found]) for name in vars(found[0]))), of
+        spots = Spots(*(np.concatenate([vars(one)[name] for one in found]) for name in vars(found[0])))
+        moved = ~self._stood(spots.centers, self.radii[of])
+        return Spots(*(values[moved] for values in vars(spots).values())), of[moved]
+
+    def _stood(self, places: Array, radii: Array) -> Mask:
+        """Whether what is at places (P, 2) was there when all markers were known to be elsewhere. Shape (P,)."""
+        out = np.zeros(len(places), dtype=bool)
+        for picture, markers in self._before:
+            away = np.linalg.norm(places[:, None] - markers, axis=2) > BESIDE * np.maximum(radii[:, None], self.radii)
+            for one in np.flatnonzero(away.all(axis=1) & ~out):
+                out[one] = _same(picture, self._flow.picture, places[one], radii[one])
+        return out
 
     def _seen(self, image: Image, expected: Array, carried: Mask, found: _Found) -> tuple[Array, Array]:
         """Positions and confidence by the best opinion on each marker."""
@@ -295,6 +314,11 @@ class _Flow:
         grid = np.stack(np.meshgrid(across, across), axis=-1).reshape(-1, 2)
         self._disc = grid[np.hypot(*grid.T) <= RIM]
 
+    @property
+    def picture(self) -> Picture:
+        """The newest one, gray."""
+        return self._last[1]
+
     def follow(self, image: Image, places: Array, radii: Array, steps: Array) -> _Moves:
         """Takes the next picture.
 
@@ -345,6 +369,15 @@ class _Flow:
 
 def _gray(image: Image) -> Picture:
     return np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), dtype=np.uint8)
+
+
+def _same(first: Picture, second: Picture, place: Array, radius: float) -> bool:
+    """Whether two pictures show the same around a place (2,)."""
+    left, top = np.maximum(np.round(place - RIM * radius).astype(int), 0).tolist()
+    right, bottom = (np.round(place + RIM * radius).astype(int) + 1).tolist()
+    one, other = (picture[top:bottom, left:right].astype(float) for picture in (first, second))
+    contrast = max(float(one.std()), float(other.std()))
+    return bool(one.size) and float((one - other).std()) < UNLIKE * contrast
 
 
 def _smaller(picture: Picture, share: int) -> Picture:
