@@ -1,49 +1,107 @@
-"""A film both ways: forth from the points that were clicked, and back to them, and what both say together.
+"""A film both ways: forth from the points that were clicked and, over each break, back from where all is certain again.
 
-What was certain from a click on without a break is believed. After a break, in which a marker was lost or doubtful, it
-may be another one that is followed: it is believed unless the way back, followed without a break, arrives at another
-place than where the marker was last certain. What the way back is certain of in a break is taken, where it is the same
-marker: the way back agrees with what is believed before or after, and contradicts it nowhere.
+A break is a time in which markers are lost or doubtful. What is certain after it may be another marker: it is believed
+unless the way back, followed without a break, arrives at another place than where the marker was last certain. What the
+way back is certain of in a break is taken where it is the same marker: it agrees with what is believed on one side and
+contradicts it nowhere, nor what the way there saw.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
+from copy import deepcopy
+from dataclasses import replace
+
 import numpy as np
 
 from markertrack.quality import DOUBTFUL
-from markertrack.tracking.tracker import DOUBT, Array, Mask
+from markertrack.tracking.markers import MarkerTracker
+from markertrack.tracking.tracker import DOUBT, Array, Mask, Tracker
+from markertrack.video import Frame, most_frames
 
 AGREE, AGREE_PX = 0.5, 3.0  # radii, or px, within which both ways say the same
+SETTLED = 5  # frames in which all markers are certain, after which a break is over
+SMEARED = 0.4  # highest confidence in a picture that may be smeared: doubtful to `check_track`
+
+Seen = tuple[Frame, Array, Array]
 
 
-def joined(
-    forth: tuple[Array, Array], back: tuple[Array, Array], radii: Array
-) -> tuple[Array, Array]:
+def both_ways(tracker: Tracker, frames: Iterable[Frame], points: Array) -> Iterator[Seen]:
+    """Follows markers through frames that follow one another, or precede one another, from known points in the first.
+
+    Args:
+        tracker: A tracker that has seen nothing.
+        frames: The first one with the points, and those after or before it.
+        points: Places of the markers in the first one [px]. Shape (M, 2).
+
+    Yields:
+        Each frame with positions [px], shape (M, 2), and confidence, shape (M,). Those of a break come when it is over.
+    """
+    kept: list[Seen] = []  # from the last frame on in which all markers were certain
+    clock, settled = 0.0, 0
+    last: Frame | None = None
+    for frame in frames:
+        if last is None:
+            positions, confidence = tracker.start(frame.image, points, clock)
+        else:
+            clock += abs(frame.time - last.time)
+            positions, confidence = tracker.follow(frame.image, clock)
+        last = frame
+        if not frame.intact:  # predicted from a broken one: what it shows may be of another time
+            confidence = np.minimum(confidence, SMEARED)
+        kept.append((replace(frame), positions, confidence))  # without its converted picture
+        settled = settled + 1 if (confidence >= DOUBTFUL).all() else 0
+        if settled >= len(kept) or not isinstance(tracker, MarkerTracker):
+            yield from kept[:-1]
+            del kept[:-1]
+        elif settled == SETTLED or len(kept) == most_frames(*frame.image.shape[1::-1]):
+            yield from _looked_back(tracker, kept, clock)[:-1]
+            del kept[:-1]
+    if isinstance(tracker, MarkerTracker) and len(kept) > 1:
+        kept = _looked_back(tracker, kept, clock)
+    yield from kept
+
+
+def _looked_back(tracker: MarkerTracker, kept: list[Seen], clock: float) -> list[Seen]:
+    """Frames, by the way back as well from the last of them, up to which a tracker has come."""
+    tracker = deepcopy(tracker)
+    tracker.turn()
+    frames, places, sure = zip(*kept, strict=True)
+    forth = np.array(places), np.array(sure)
+    back = np.full_like(forth[0], np.nan), np.zeros_like(forth[1])
+    for k in range(len(frames) - 2, -1, -1):
+        clock += abs(frames[k + 1].time - frames[k].time)
+        back[0][k], back[1][k] = tracker.follow(replace(frames[k]).image, clock)
+    return list(zip(frames, *joined(forth, back, tracker.radii), strict=True))
+
+
+def joined(forth: tuple[Array, Array], back: tuple[Array, Array], radii: Array) -> tuple[Array, Array]:
     """Positions and confidence by both ways.
 
     Args:
-        forth: Positions [px], shape (T, M, 2), and confidence, shape (T, M), from the clicked frame on.
-        back: Those of the way back, in the order of the film; confidence 0 in frames that it didn't see.
+        forth: Positions [px], shape (T, M, 2), and confidence, shape (T, M).
+        back: Those of the way back, in the same order of frames.
         radii: Radii of the markers [px]. Shape (M,).
     """
     positions, confidence = forth[0].copy(), forth[1].copy()
     apart = np.linalg.norm(forth[0] - back[0], axis=2) > np.maximum(AGREE * radii, AGREE_PX)
     for m in range(positions.shape[1]):
-        believed, again = forth[1][:, m] >= DOUBTFUL, back[1][:, m] >= DOUBTFUL
-        believed &= ~_refuted(believed, again, apart[:, m])
+        certain, again = forth[1][:, m] >= DOUBTFUL, back[1][:, m] >= DOUBTFUL
+        believed = certain & ~_refuted(certain, again, apart[:, m])
         confidence[~believed, m] = np.minimum(confidence[~believed, m], DOUBT)
         for first, last in _runs(again):
             part = slice(first, last + 1)
-            known, other = believed[part].copy(), apart[part, m]
+            known, other = believed[part], apart[part, m]
             if (known & ~other).any() and not (known & other).any():
-                known[[0, -1]] = True  # where it is lost next, the last place isn't confirmed by another
-                positions[part, m][~known] = back[0][part, m][~known]
-                confidence[part, m][~known] = back[1][part, m][~known]
+                fill = ~known & ~other
+                fill[[0, -1]] = False  # where it is lost next, the last place isn't confirmed by another
+                positions[part, m][fill] = back[0][part, m][fill]
+                confidence[part, m][fill] = back[1][part, m][fill]
     return positions, confidence
 
 
 def _refuted(certain: Mask, again: Mask, apart: Mask) -> Mask:
-    """Frames in which a marker is certain that the way back leads elsewhere from. Shapes (T,)."""
+    """Frames in which a marker is certain from which the way back leads elsewhere than it came from. Shapes (T,)."""
     out = np.zeros_like(certain)
     runs = _runs(certain)
     known = runs[0][1] if runs else 0  # last frame that is believed

@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass
-from itertools import chain
+from itertools import chain, islice
 from pathlib import Path
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from markertrack.both_ways import Seen, both_ways
 from markertrack.corrections import corrected, find_stretches, gaps_to_correct
 from markertrack.overlay import TrackOverlay
 from markertrack.pages import MOST_STRETCHES, Cut, make_strips, write_review_page
@@ -25,7 +26,6 @@ from markertrack.video import Frame, VideoReader, film_title, frames_backwards
 from swimbase.arrays import Array
 from swimbase.errors import TrackingError, TrialError
 
-SMEARED = 0.4  # highest confidence in a picture that may be smeared: doubtful to `check_track`
 FIRST_LOOK = 2.0  # s after which is reported what can't be tracked
 OFTEN = 0.5  # share of these in which a marker is lost or doubtful, from which it is named
 MOST_NAMED = 6
@@ -155,17 +155,9 @@ def _forward(
     count, begin, looked = _count(reader, film.span), 0.0, False
     picked: int | None = None
     sharp = 0.0
-    for frame in frames:
+    for frame, position, confidence in _from(start, frames, tracker):
         begin = begin if times else frame.time
         time = frame.time - begin
-        if frame.index < start.frame:
-            position, confidence = np.full_like(start.points, np.nan), np.zeros(len(start.points))
-        elif frame.index == start.frame:
-            position, confidence = tracker.start(frame.image, start.points, time)
-        else:
-            position, confidence = tracker.follow(frame.image, time)
-        if not frame.intact:  # predicted from a broken one: what it shows may be of another time
-            confidence = np.minimum(confidence, SMEARED)
         times.append(time)
         positions.append(position)
         confidences.append(confidence)
@@ -183,17 +175,22 @@ def _forward(
     return MarkerTrack(times, np.array(positions), np.array(confidences))
 
 
+def _from(start: Anchor, frames: Iterable[Frame], tracker: Tracker) -> Iterator[Seen]:
+    """Frames with positions [px] and confidence: none before that with the points."""
+    frames = iter(frames)
+    for frame in frames:
+        if frame.index == start.frame:
+            yield from both_ways(tracker, chain([frame], frames), start.points)
+        else:
+            yield frame, np.full_like(start.points, np.nan), np.zeros(len(start.points))
+
+
 def _backward(film: Film, track: MarkerTrack, first: int, start: Anchor, tracker: Tracker) -> MarkerTrack:
     """The track with what comes before the frame with the points."""
     positions, confidence = track.positions.copy(), track.confidence.copy()
-    begin = track.times[start.frame - first]
-    for frame in frames_backwards(film.path, first, start.frame, film.threads, film.fps):
-        k = frame.index - first
-        if frame.index == start.frame:
-            tracker.start(frame.image, start.points, 0.0)
-            continue
-        positions[k], sure = tracker.follow(frame.image, float(begin - track.times[k]))
-        confidence[k] = sure if frame.intact else np.minimum(sure, SMEARED)
+    frames = frames_backwards(film.path, first, start.frame, film.threads, film.fps)
+    for frame, places, sure in islice(both_ways(tracker, frames, start.points), 1, None):
+        positions[frame.index - first], confidence[frame.index - first] = places, sure
     return MarkerTrack(track.times, positions, confidence)
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from markertrack.following import SMEARED, Film, FrameProgress, within
+from markertrack.following import Film, FrameProgress, within
 from markertrack.midline.centerline import POINTS, Curve, curves
 from markertrack.midline.doubting import judge
 from markertrack.midline.linking import APART, link

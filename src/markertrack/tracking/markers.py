@@ -1,7 +1,6 @@
 """Tracks the markers of a robot whose trials are recordings: bodies of several by their shape, single ones by flow.
 
-A marker that its body can't place is followed by flow from where it was. A body that turns out not to keep its shape is
-left to flow from then on.
+A marker that its body can't place is followed by flow from where it was.
 """
 
 from __future__ import annotations
@@ -16,8 +15,6 @@ from markertrack.tracking.bodies import BodyTracker
 from markertrack.tracking.free import APART, CERTAIN, RATIO, FreeTracker
 from markertrack.tracking.looks import Looks
 from markertrack.tracking.tracker import DOUBT, REASONS, Array, Image, Mask
-
-FOUND = 0.7  # of the markers of a soft body, up to which it is left
 
 
 class MarkerTracker:
@@ -47,7 +44,15 @@ class MarkerTracker:
         out = {reason: np.zeros(self._count) for reason in REASONS}
         for tracker, of in self._parts:
             for reason, frames in tracker.reasons.items():
-                out[reason][of] = frames  # a body that was left begins anew
+                out[reason][of] = frames
+        return out
+
+    @property
+    def radii(self) -> Array:
+        """Radius of each marker as it is now [px]. Shape (M,)."""
+        out = np.zeros(self._count)
+        for tracker, of in self._parts:
+            out[of] = tracker.radii
         return out
 
     def start(self, image: Image, points: Array, time: float) -> tuple[Array, Array]:
@@ -61,15 +66,13 @@ class MarkerTracker:
     def follow(self, image: Image, time: float) -> tuple[Array, Array]:
         """Finds the markers in the next frame."""
         positions, confidence = np.full((self._count, 2), np.nan), np.zeros(self._count)
-        radii = np.zeros(self._count)
         for tracker, of in self._parts:
             places, sure = tracker.follow(image, time)
-            doubled = self._doubled(places, tracker.radii, positions, np.where(confidence > DOUBT, radii, np.nan))
+            doubled = self._doubled(places, tracker.radii, positions, np.where(confidence > DOUBT, self.radii, np.nan))
             positions[of], confidence[of] = places, np.where(doubled, np.minimum(sure, DOUBT), sure)
-            radii[of] = tracker.radii
         if len(self._rigid):
             for part in self._bodies.parts():
-                self._ask_flow(image, time, part, radii, positions, confidence)
+                self._ask_flow(image, time, part, positions, confidence)
         both = (confidence > DOUBT) & (self._last.confidence > DOUBT)
         steps = np.where(both[:, None], positions - self._last.positions, self._last.steps)
         self._last = _Frame(image, time, positions.copy(), confidence.copy(), steps)
@@ -84,8 +87,8 @@ class MarkerTracker:
         self._last = self._last._replace(steps=-self._last.steps)
 
     def _ask_flow(
-        self, image: Image, time: float, part: NDArray[np.int64], radii: Array, positions: Array, confidence: Array
-    ) -> None:  # fmt: skip
+        self, image: Image, time: float, part: NDArray[np.int64], positions: Array, confidence: Array
+    ) -> None:
         """Puts in what flow knows of markers of a body that aren't found any longer, until all are."""
         of, key = self._rigid[part], int(part[0])
         believed, known = confidence[of] > DOUBT, self._last.confidence[of] > DOUBT
@@ -98,7 +101,7 @@ class MarkerTracker:
         flowed = self._doubted[key]
         places, sure = flowed.follow(image, time)
         certain = sure >= CERTAIN if believed.any() else sure > DOUBT  # against a body flow is too little
-        doubled = self._doubled(places, flowed.radii, positions, np.where(confidence > DOUBT, radii, np.nan))
+        doubled = self._doubled(places, flowed.radii, positions, np.where(confidence > DOUBT, self.radii, np.nan))
         both, more = certain & believed, certain & ~believed & ~doubled
         flowed.aliased |= both & (np.linalg.norm(places - positions[of], axis=1) > flowed.radii)
         positions[of[more]], confidence[of[more]] = places[more], sure[more]
@@ -110,17 +113,6 @@ class MarkerTracker:
         """Which markers are at the place of another one, whose radius is known if its place is. Shapes (K,), (M,)."""
         near = np.linalg.norm(places[:, None] - others, axis=2) < APART * (radii[:, None] + known)
         return near.any(axis=1)
-
-    def _leave_soft(self, image: Image, positions: Array, confidence: Array, time: float) -> None:
-        """Leaves bodies that don't keep their shape to flow, when many of their markers aren't found any longer."""
-        for part in self._bodies.soft():
-            of, free = self._rigid[part], FreeTracker()
-            certain = confidence[of] > DOUBT
-            if certain.mean() > FOUND:
-                continue
-            looks, expected = self._bodies.leave(part)
-            free.take_over(image, looks, np.where(certain[:, None], positions[of], expected), certain, time)
-            self._parts.append((free, of))
 
 
 class _Frame(NamedTuple):

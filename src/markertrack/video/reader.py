@@ -204,6 +204,11 @@ def first_frame(path: str | Path, since: float = 0.0, fps: float | None = None) 
     raise VideoError(f"'{path}' ends at {last:.3f} s; there is no frame from {since:g} s on")
 
 
+def most_frames(width: int, height: int) -> int:
+    """Number of frames that there is room for at a time, of pictures of a size [px]."""
+    return max(1, int(MOST_BYTES / (_BYTES * width * height)))
+
+
 def frames_backwards(
     path: str | Path, first: int, last: int, threads: int = 0, fps: float | None = None
 ) -> Iterator[Frame]:
@@ -223,7 +228,7 @@ def frames_backwards(
         VideoError: The file can't be read.
     """
     with VideoReader(path, threads, fps) as reader:
-        part = max(1, int(MOST_BYTES / (_BYTES * reader.info.width * reader.info.height)))
+        part = most_frames(reader.info.width, reader.info.height)
         while last >= first:
             begin = max(first, last - part + 1)
             kept = [frame for frame in islice(reader, last + 1) if begin <= frame.index <= last]
