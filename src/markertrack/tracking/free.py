@@ -25,7 +25,7 @@ from markertrack.tracking.tracker import DOUBT, REASONS, Array, Image, Mask, che
 CERTAIN, RIGHT, LIKELY = 1.0, 0.9, 0.8  # confidence by spot, own spot, spot elsewhere
 MOST_OFF = 1.0, 0.1  # px, or radii, by which a marker's points may disagree
 NEAR = 0.6, 2.0  # radii and px from where it was carried within which its spot lies
-FAR, MOST_FAR = 1.5, 8.0  # radii within which one is looked for that wasn't carried, besides how it may have moved
+FAR = 1.5  # radii within which one is looked for that wasn't carried, besides how it may have moved
 SMALL = 5.0  # px radius, below which a picture tells the place of a marker better than flow does
 SOON = 10  # frames after which a marker that was lost is only believed to be found again if it can't be another
 CARRIED = 8  # frames for which flow alone is followed
@@ -60,6 +60,10 @@ class FreeTracker:
         radii: Radius of each marker as it is now [px]. Shape (M,).
         reasons: In how many frames each marker was lost or doubtful, by the reason. Shapes (M,).
     """
+
+    def __init__(self, most_far: float = np.inf) -> None:
+        """Takes how many radii from where it is expected one that is lost is looked for at most."""
+        self._most_far = most_far
 
     def start(self, image: Image, points: Array, time: float) -> tuple[Array, Array]:
         """Learns what the markers look like."""
@@ -136,6 +140,7 @@ class FreeTracker:
         """The spots that look like the markers where they are looked for."""
         speed = np.maximum(self._fastest, np.hypot(*self._steps.T))
         far = FAR * self.radii + np.maximum(speed, self.radii) * (1 + self._doubtful)
+        far = np.minimum(far, self._most_far * self.radii + speed)
         reach = np.where(carried, NEAR[0] * self.radii + NEAR[1], far)
         spots, of = self._measured(image, squares(expected, reach + 0.5 * self.radii), carried)
         chosen, alone = np.full(len(expected), -1), np.ones(len(expected), dtype=bool)

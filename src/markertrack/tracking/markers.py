@@ -16,6 +16,9 @@ from markertrack.tracking.free import APART, CERTAIN, RATIO, FreeTracker
 from markertrack.tracking.looks import Looks
 from markertrack.tracking.tracker import DOUBT, REASONS, Array, Image, Mask
 
+MOST_FAR = 8.0  # radii, besides its step, within which flow looks for a marker of a body; others are the body's task
+STREAK = 2.0  # radii that a marker moves in a frame, from which on it may be a streak
+
 
 class MarkerTracker:
     """Follows markers on rigid or soft bodies and such that move by themselves. See `tracker.Tracker`.
@@ -101,6 +104,7 @@ class MarkerTracker:
         flowed = self._doubted[key]
         places, sure = flowed.follow(image, time)
         certain = sure >= CERTAIN if believed.any() else sure > DOUBT  # against a body flow is too little
+        certain &= np.linalg.norm(places - self._last.positions[of], axis=1) < STREAK * flowed.radii
         doubled = self._doubled(places, flowed.radii, positions, np.where(confidence > DOUBT, self.radii, np.nan))
         both, more = certain & believed, certain & ~believed & ~doubled
         flowed.aliased |= both & (np.linalg.norm(places - positions[of], axis=1) > flowed.radii)
@@ -141,7 +145,7 @@ class _Flowed:
     """
 
     def __init__(self, frame: _Frame, looks: Looks, places: Array, known: Mask, steps: Array) -> None:
-        self._free, self._expected = FreeTracker(), places + steps
+        self._free, self._expected = FreeTracker(MOST_FAR), places + steps
         self._free.take_over(frame.image, looks, places, known, frame.time)
         self.aliased = np.zeros(len(places), dtype=bool)
 
