@@ -45,15 +45,21 @@ def test_a_marker_that_changes_is_followed(radius, color):
     assert (confidence >= 0.5).mean() > 0.95
 
 
-def test_one_that_was_hidden_for_long_stays_doubtful():
-    """Something like it, elsewhere, may be another one."""
+@pytest.mark.parametrize("others", [0, 1])
+def test_one_that_was_hidden_for_long_is_found_where_it_alone_can_be(others):
+    """It comes back elsewhere, and stays doubtful where another one like it comes as well."""
 
     def shown(frame):
-        return wandering(0)[[0]] if 5 < frame < 30 else np.array([wandering(0)[0], wandering(frame and 30)[1]])
+        if not frame:
+            return wandering(0)
+        away = [wandering(30)[1], wandering(30)[1] + [0, 60]][: 1 + others]
+        return wandering(0)[[0]] if frame < 30 else np.array([wandering(0)[0], *away])
 
     picture = painted(shown, lambda k: 7, lambda k: (30, 30, 30), texture=12.0)
-    _, confidence = followed(MarkerTracker(range(2)), picture, wandering(0), 45)
-    assert (confidence[6:, 1] < 0.5).all()
+    positions, confidence = followed(MarkerTracker(range(2)), picture, wandering(0), 45)
+    assert (confidence[1:30, 1] < 0.5).all()
+    assert (confidence[40:, 1] >= 0.5).all() == (not others)
+    assert others or np.hypot(*(positions[-1, 1] - wandering(30)[1])) < 1
     assert (confidence[:, 0] >= 0.5).all()
 
 

@@ -26,6 +26,7 @@ CERTAIN, RIGHT, LIKELY = 1.0, 0.9, 0.8  # confidence by spot, own spot, spot els
 MOST_OFF = 1.0, 0.1  # px, or radii, by which a marker's points may disagree
 NEAR = 0.6, 2.0  # radii and px from where it was carried within which its spot lies
 FAR = 1.5  # radii within which one is looked for that wasn't carried, besides how it may have moved
+NEARBY = 8.0  # radii, besides its step, within which one is looked for by its picture
 SMALL = 5.0  # px radius, below which a picture tells the place of a marker better than flow does
 SOON = 10  # frames after which a marker that was lost is only believed to be found again if it can't be another
 CARRIED = 8  # frames for which flow alone is followed
@@ -206,7 +207,8 @@ class FreeTracker:
             if carried[m] and chosen[m] >= 0:
                 positions[m], confidence[m] = place, CERTAIN
                 continue
-            reach = NEAR[0] * self.radii[m] + 1 if carried[m] else 1.5 if chosen[m] >= 0 else found.reach[m]
+            nearby = min(found.reach[m], NEARBY * self.radii[m] + np.hypot(*self._steps[m]))
+            reach = NEAR[0] * self.radii[m] + 1 if carried[m] else 1.5 if chosen[m] >= 0 else nearby
             peak, score, only = self._picture(image, m, place, reach)
             if carried[m] and not self._lost[m] and score > SAME:
                 positions[m], confidence[m] = peak if self.radii[m] < SMALL else place, RIGHT
@@ -250,8 +252,8 @@ class FreeTracker:
         return found.centers[best], float(found.fills[best]), len(found) == 1
 
     def _doubles(self, positions: Array, confidence: Array) -> Mask:
-        """Markers at another's place, which is the more certain of the two; of two equal ones, both."""
-        confidence = confidence + (self._doubtful == 0)
+        """Markers at another's place, which is the more certain of the two now or was later; of two equal ones, both."""
+        confidence = confidence + 1 / (1 + self._doubtful)
         near = np.linalg.norm(positions[:, None] - positions, axis=2) < APART * (self.radii[:, None] + self.radii)
         np.fill_diagonal(near, False)
         return (near & (confidence[:, None] <= confidence)).any(axis=1)

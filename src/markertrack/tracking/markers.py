@@ -12,11 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markertrack.tracking.bodies import BodyTracker
-from markertrack.tracking.free import APART, CERTAIN, RATIO, FreeTracker
+from markertrack.tracking.free import APART, CERTAIN, NEARBY, RATIO, FreeTracker
 from markertrack.tracking.looks import Looks
 from markertrack.tracking.tracker import DOUBT, REASONS, Array, Image, Mask
 
-MOST_FAR = 8.0  # radii, besides its step, within which flow looks for a marker of a body; others are the body's task
 STREAK = 2.0  # radii that a marker moves in a frame, from which on it may be a streak
 
 
@@ -145,7 +144,7 @@ class _Flowed:
     """
 
     def __init__(self, frame: _Frame, looks: Looks, places: Array, known: Mask, steps: Array) -> None:
-        self._free, self._expected = FreeTracker(MOST_FAR), places + steps
+        self._free, self._expected = FreeTracker(NEARBY), places + steps
         self._free.take_over(frame.image, looks, places, known, frame.time)
         self.aliased = np.zeros(len(places), dtype=bool)
 
