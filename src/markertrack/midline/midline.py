@@ -156,18 +156,27 @@ def _clicked(found: Sequence[Curve], ends: Array) -> tuple[int, float, float]:
     """Number of the curve between two clicked ends, arc length at the first of them, and from it to the second [px]."""
     off = [np.hypot(*(curve.points[[0, -1]] - ends).T).sum() for curve in found]
     curve = found[int(np.argmin(off))]
-    ways = [np.hypot(*(curve.points - end).T) for end in ends]
-    arcs = np.array([curve.length * int(way.argmin()) / (POINTS - 1) for way in ways])
-    if any(way.min() > most * curve.length for way, most in zip(ways, CLICKS, strict=True)):
+    arcs, ways = np.array([_foot(curve, end) for end in ends]).T
+    if (ways > np.array(CLICKS) * curve.length).any():
         raise TrackingError(
-            f"the shape in the clicked frame ends {max(way.min() for way in ways):.0f} px from a click; click the tips "
+            f"the shape in the clicked frame ends {ways.max():.0f} px from a click; click the tips "
             "of head and tail in a frame in which nothing touches the swimmer"
         )
     begin = 0.0 if arcs[0] < SNAP * curve.length else float(arcs[0])
-    beyond = float(ways[1].min()) if arcs[1] == curve.length else 0.0
+    beyond = float(ways[1]) if arcs[1] == curve.length else 0.0
     end = float(arcs[1]) + (beyond if beyond > SNAP * curve.length else 0.0)
     end = curve.length if abs(end - curve.length) < SNAP * curve.length else end
     return int(np.argmin(off)), begin, end - begin
+
+
+def _foot(curve: Curve, place: Array) -> tuple[float, float]:
+    """Arc length at the place of a curve that is nearest another place (2,), and its distance from there [px]."""
+    steps = np.diff(curve.points, axis=0)
+    shares = ((place - curve.points[:-1]) * steps).sum(axis=1) / np.maximum((steps**2).sum(axis=1), 1e-9)
+    shares = np.clip(shares, 0, 1)
+    ways = np.hypot(*(curve.points[:-1] + shares[:, None] * steps - place).T)
+    k = int(ways.argmin())
+    return curve.length * (k + float(shares[k])) / (POINTS - 1), float(ways[k])
 
 
 def _at(curve: Curve, at: Array, length: float) -> Array:

@@ -286,7 +286,7 @@ def quality(
     """
     if not 0 <= allow_lost <= 1:
         raise ArgumentError(f"--allow-lost is {allow_lost:g}; it is a share of frames within 0 and 1, such as 0.05")
-    from markertrack.quality import check_lost, check_places
+    from markertrack.quality import check_lost
     from swim2real.robots import load_robot
     from swim2real.trials import load_reference
     from swim2real.trials.timebase import described
@@ -316,9 +316,7 @@ def quality(
         from swim2real.report import write_quality_page
 
         checked = [
-            (trial, check_places(trial.track) if trial.midline else check_lost(trial.track, body.layout))
-            for trial in trials
-            if trial.name in findings
+            (trial, check_lost(trial.track, body.layout, trial.midline)) for trial in trials if trial.name in findings
         ]
         write_quality_page(checked, body.marker_names, plot, swimming)
     return 0 if all(finding["usable"] for finding in findings.values()) and not refusals else 1
