@@ -1,10 +1,11 @@
 """Calibration from films without markers, beside the same films with markers.
 
-    python benchmarks/unmarked.py fish|snake FOLDER [BUDGET]
+    python benchmarks/unmarked.py fish|snake FOLDER [BUDGET [SEED|hidden]]
 
 Each swim of the demo's fish, or of the snake in `examples/snake`, is filmed with its markers and with a body of one
 tone. Both films are tracked and calibrated with one budget. Either result is then simulated against the true motion of
-the markers, which no camera saw. What is in the folder already is used again.
+the markers, which no camera saw. A search begins where its SEED says, or at the hidden values: the minimum near those
+tells what the films determine, however far a search comes. What is in the folder already is used again.
 """
 
 from __future__ import annotations
@@ -40,7 +41,7 @@ from swim2real.demo import FREQUENCIES, demo_settings, hidden_values
 from swim2real.parameters import Values
 from swim2real.robots.fish import FISH
 from swimbase.errors import Swim2RealError
-from swimbase.store import read_json
+from swimbase.store import read_json, write_json
 
 
 @dataclass(frozen=True)
@@ -91,7 +92,7 @@ CASES = {
 }  # fmt: skip
 
 
-def fitted(case: Case, folder: Path, unmarked: bool, budget: int | None) -> Outcome:
+def fitted(case: Case, folder: Path, unmarked: bool, settings: CalibrationSettings, run: Path) -> Outcome:
     """Films, tracks and calibrates."""
     camera = replace(case.camera, contrast=0.0, marker_radius=1e-4) if unmarked else case.camera
     heights = case.robot.marker_heights
@@ -108,32 +109,40 @@ def fitted(case: Case, folder: Path, unmarked: bool, budget: int | None) -> Outc
             save_points(two, clicks, (names[0], names[-1]), two.name, camera.width, camera.height)
         points = ends
     if not (reference / "reference.json").exists():
-        settings = TrackingSettings(camera=folder / "camera.json", midline=unmarked)
-        for result in track_videos(films, points, case.robot, settings, reference):
+        how = TrackingSettings(camera=folder / "camera.json", midline=unmarked)
+        for result in track_videos(films, points, case.robot, how, reference):
             if isinstance(result, Swim2RealError):
                 raise result
-    run = folder / "run"
     resume = (run / "settings.json").exists()
-    return calibrate(load_reference(reference), case.robot, case.settings(budget), run, resume=resume)
+    return calibrate(load_reference(reference), case.robot, settings, run, resume=resume)
 
 
-def main(name: str, out: Path, budget: int | None) -> None:
+def main(name: str, out: Path, budget: int | None, search: str) -> None:
     """Prints what either kind of film determines."""
-    case = CASES[name]
-    space, truth = case.robot.space, Problem.with_settings(case.robot, case.truth(), case.settings(budget))
-    errors: dict[str, dict[str, float]] = {}
+    case, start = CASES[name], out / "hidden.json"
+    out.mkdir(parents=True, exist_ok=True)
+    write_json(
+        start, {"format": 1, "robot": case.robot.name, "parameters": case.hidden, "engine": "mujoco", "physics": {}}
+    )
+    settings = case.settings(budget)
+    settings = replace(settings, first=str(start)) if search == "hidden" else replace(settings, seed=int(search))
+    space, truth = case.robot.space, Problem.with_settings(case.robot, case.truth(), settings)
+    errors: dict[str, np.ndarray] = {}
     for kind in ("marked", "unmarked"):
-        outcome = fitted(case, out / kind, kind == "unmarked", budget)
-        values = read_json(out / kind / "run" / "best.json")["parameters"]
+        run = out / kind / f"run-{search}"
+        outcome = fitted(case, out / kind, kind == "unmarked", settings, run)
+        values = read_json(run / "best.json")["parameters"]
         figures = truth.evaluate(values).figures()
         print(f"{kind}: own loss {1e3 * outcome.fit.loss:.2f} mm, true loss {1e3 * figures['loss']:.2f} mm")
         print(", ".join(f"{n} {1e3 * one['loss']:.2f}" for n, one in figures["trials"].items()))
         off = np.abs(space.to_cube(values) - space.to_cube(case.hidden))
-        errors[kind] = dict(zip(space.names, off.tolist(), strict=True))
-        print(f"within a tenth of loss: {outcome.ranges}")
-    for one in space.names:
-        print(f"{one:28s} {100 * errors['marked'][one]:6.1f} {100 * errors['unmarked'][one]:6.1f} % of its range")
+        errors[kind] = off
+        print(f"within a tenth of the loss: {outcome.ranges}")
+    print("off the hidden values, % of the range, with and without markers:")
+    for one, *both in zip(space.names, *errors.values(), strict=True):
+        print(f"{one:28s}", *(f"{100 * off:6.1f}" for off in both))
 
 
 if __name__ == "__main__":
-    main(sys.argv[1], Path(sys.argv[2]), int(sys.argv[3]) if len(sys.argv) > 3 else None)
+    given = sys.argv[3:]
+    main(sys.argv[1], Path(sys.argv[2]), int(given[0]) if given else None, given[1] if len(given) > 1 else "2")
