@@ -28,7 +28,7 @@ from swim2real.robots.robot import Robot
 
 SAMPLE_INTERVAL = 0.004  # s, of the swims that are filmed
 TIMESTEP = 5e-4  # s, half of that of the simulator that will be calibrated
-PLACEMENT = 3e-3  # m, standard deviation of where markers sit beside their places
+PLACEMENT = 3e-3  # m
 _CLICK_ERROR = 1.0  # px, standard deviation of where a person clicks
 _WIDEST_HEADING = 0.3  # rad off the long side of the pool
 SECONDS = 4.0
@@ -39,7 +39,7 @@ SEED = 2026
 
 def film_swims(
     robot: Robot, values: Values, cameras: Sequence[tuple[float, PoolCamera]], seconds: float, seed: int,
-    folder: str | Path,
+    folder: str | Path, placement: float = PLACEMENT,
 ) -> list[Path]:  # fmt: skip
     """Films steady swims, several at a time, and picks the markers in their first frames; films that are there stay.
 
@@ -50,6 +50,7 @@ def film_swims(
         seconds: Length of each film [s].
         seed: Seed of everything random.
         folder: Folder of the films, which are named after their frequencies, such as `f1_50.mp4`.
+        placement: Standard deviation of where markers sit beside their places [m].
 
     Returns:
         The films. Beside each, `f1_50.points.json` has the markers as a person might click them.
@@ -63,7 +64,7 @@ def film_swims(
     paths: list[Path] = []
     for number, (swim, (_, camera)) in enumerate(zip(swims, cameras, strict=True)):
         heading = rng.uniform(-_WIDEST_HEADING, _WIDEST_HEADING) + np.pi * rng.integers(2)
-        positions = placed_by_hand(turned(swim.track.positions, heading), PLACEMENT, rng)
+        positions = placed_by_hand(turned(swim.track.positions, heading), placement, rng)
         kept = swim.track.times <= seconds + SAMPLE_INTERVAL
         paths.append(place / f"{swim.name}.mp4")
         if not paths[-1].exists():
@@ -84,12 +85,14 @@ def film_demo(
     frequencies: Sequence[float] = FREQUENCIES,
     seconds: float = SECONDS,
     camera: PoolCamera = CAMERA,
+    robot: Robot = FISH,
+    placement: float = PLACEMENT,
 ) -> None:
     """Makes films of the demo's fish, the last one with glare, and the camera file that goes with them."""
     cameras = [(f, replace(camera, glares=(GLARE,)) if f == frequencies[-1] else camera) for f in frequencies]
-    film_swims(FISH, hidden_values(), cameras, seconds, SEED, folder)
+    film_swims(robot, hidden_values(), cameras, seconds, SEED, folder, placement)
     # what a person can measure: how high the camera hangs over the head's markers
-    known = CameraFile(camera_height=camera.camera_height - float(FISH.marker_heights[0]))
+    known = CameraFile(camera_height=camera.camera_height - float(robot.marker_heights[0]))
     write_camera(Path(folder) / "camera.json", known)
 
 

@@ -15,7 +15,7 @@ from markertrack.following import Film, FrameProgress, draw_track, follow, withi
 from markertrack.layout import Layout
 from markertrack.midline import follow_midline
 from markertrack.points import Anchor, load_anchors, load_points
-from markertrack.quality import LostMarkers, check_lost, check_places
+from markertrack.quality import LostMarkers, check_lost
 from markertrack.span import WHOLE, Span
 from markertrack.track import MarkerTrack
 from markertrack.tracking.detection import DetectionTracker
@@ -112,6 +112,7 @@ def track_film(
         Swim2RealError: The film, a file or an argument can't be used; the message names it.
     """
     how, source = how or HowToTrack(), Path(video)
+    layout = layout.level if how.midline else layout
     with VideoReader(source, how.threads, how.fps) as reader:
         info = reader.info
         size = (info.width, info.height)
@@ -147,7 +148,7 @@ def track_film(
     end = first.time + float(track.times[-1])
     if how.span.until is not None and how.span.until - end > 2 / info.fps:
         notes.append(f"the last frame is at {end:.3f} s, before --until, {how.span.until:g} s")
-    lost = check_places(track) if how.midline else check_lost(track, layout)
+    lost = check_lost(track, layout, how.midline)
     return TrackedFilm(
         info, first.time, first.index, start, tuple(anchors), seen, pixels, camera, track, lost, tuple(notes)
     )

@@ -132,7 +132,7 @@ def _of_beats(
         way = center[part][-1] - center[part][0]
         ahead = ends[part].mean(axis=0)
         speeds[k] = way @ ahead / np.hypot(*ahead) / (times[part][-1] - times[part][0])
-    turns = np.diff(np.unwrap(np.angle(waves[:, -1])))
+    turns = np.angle(np.nansum(waves[1:] * waves[:-1].conj(), axis=1))
     frequencies = frequency * (1 + turns / (2 * np.pi))
     lengths = np.array([_wavelength(places, wave) for wave in waves])
     tails = 2 * np.abs(waves[:, -1])
@@ -187,12 +187,15 @@ def _filled(times: Array, values: Array) -> Array:
 
 
 def _frequency(times: Array, excursions: Array) -> float:
-    """Frequency of the one sine that explains most of excursions (K, N) [Hz]."""
-    total = float(((excursions - excursions.mean(axis=0)) ** 2).sum())
+    """Frequency of the one sine that, beside a course that turns steadily, explains most of excursions (K, N) [Hz]."""
+    course = np.linalg.qr(np.vander(times - times.mean(), 3))[0]
+    excursions = excursions - course @ (course.T @ excursions)
+    total = float((excursions**2).sum())
 
     def left(frequency: float) -> float:
-        basis = _basis(times, frequency)
-        return float(((excursions - basis @ np.linalg.lstsq(basis, excursions)[0]) ** 2).sum()) / total
+        beat = _basis(times, frequency)[:, :2]
+        beat = beat - course @ (course.T @ beat)
+        return float(((excursions - beat @ np.linalg.lstsq(beat, excursions)[0]) ** 2).sum()) / total
 
     seconds = float(times[-1] - times[0])
     slowest, fastest = 1 / seconds, 0.45 / float(np.median(np.diff(times)))

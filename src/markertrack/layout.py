@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -55,6 +55,11 @@ class Layout:
     def rigid(self) -> tuple[int, ...]:
         """Indices of the first marker and of those on its body, whose distances tell the scale of a film."""
         return tuple(m for m, body in enumerate(self.bodies) if body == self.bodies[0])
+
+    @property
+    def level(self) -> Layout:
+        """The same, with all markers as high as the first: a midline is seen in one plane, however high sites stand."""
+        return replace(self, heights=np.full(len(self.names), self.heights[0]))
 
     @property
     def places_along(self) -> Array:

@@ -134,8 +134,19 @@ def _percent(share: float) -> str:
     return "under 1 %" if share < 0.01 else f"{100 * share:.0f} %"
 
 
-def check_lost(track: MarkerTrack, layout: Layout) -> LostMarkers:
-    """Finds the lost markers of a track: of a chain by its spacing, of other layouts by their rigid bodies."""
+def check_lost(track: MarkerTrack, layout: Layout, midline: bool = False) -> LostMarkers:
+    """Finds the lost markers of a track.
+
+    Args:
+        track: In meters; NaN is legal.
+        layout: The markers: a chain is checked by its spacing, which makes a `TrackQuality`, others by rigid bodies.
+        midline: Whether they are places along a midline, of which neither tells anything.
+
+    Raises:
+        TrialError: The track of a chain is too long.
+    """
+    if midline:
+        return check_places(track)
     return check_track(track, layout.rest) if layout.chain else check_bodies(track, layout.bodies)
 
 

@@ -60,6 +60,19 @@ def test_pose_tables_become_trials_in_meters(tmp_path, capsys):
     assert f"swim2real quality {tmp_path / 'reference'}" in said
 
 
+def test_midlines_become_trials_of_places_on_them(tmp_path, capsys):
+    truth = Swimmer(duration=2.0).track(noise=0, by_hand=False)
+    pixels = truth.positions / SCALE * [1, -1] + [1500, 900]
+    for k, name in enumerate("xy"):
+        np.savetxt(tmp_path / f"swim_{name}.csv", pixels[:, :, k], delimiter=",")
+    assert imported(tmp_path, tmp_path / "swim_x.csv", midline=True) == 0
+    (trial,) = load_reference(tmp_path / "reference")
+    assert trial.midline
+    assert trial.provenance == "midlines swim_x.csv, 60 fps"
+    np.testing.assert_allclose(trial.track.body * SCALE / trial.meters_per_pixel, truth.body, atol=8e-3)  # it stretches
+    assert "nearer to the camera" not in capsys.readouterr().out  # all are seen in one plane
+
+
 def test_a_camera_file_sets_the_scale(tmp_path):
     table = tmp_path / "swim.csv"
     film(table)

@@ -46,6 +46,14 @@ def test_what_was_put_in_comes_out(swimmer):
         assert np.isnan(found.strouhal.value)
 
 
+def test_a_course_that_turns_is_no_beat():
+    straight = tracked(Swimmer(amplitude=0.05), seconds=1.6)
+    turns = 0.8 * straight.times
+    axes = np.stack([np.cos(turns), np.sin(turns), -np.sin(turns), np.cos(turns)], axis=1).reshape(-1, 1, 2, 2)
+    turning = MarkerTrack(straight.times, (straight.positions[:, :, None] @ axes)[:, :, 0])
+    assert swimming_kinematics(turning, LAYOUT).frequency.value == pytest.approx(2.0, rel=0.03)
+
+
 def test_doubtful_places_are_left_out_and_the_table_says_what_is_known():
     track = tracked(Swimmer())
     positions, confidence = track.positions.copy(), np.ones(track.positions.shape[:2])

@@ -9,6 +9,7 @@ import pytest
 
 from drawn_swimmers import FPS, Swimmer, film
 from markertrack import HowToTrack, Layout, TrackedFilm, track_film
+from markertrack.camera_file import CameraFile
 from markertrack.corrections import find_stretches
 from markertrack.quality import DOUBTFUL
 from swimbase.errors import TrackingError
@@ -174,3 +175,20 @@ def test_sites_must_stand_in_a_row(tmp_path):
     layout = replace(LAYOUT, rest=LAYOUT.rest[[0, 2, 1, 3, 4, 5, 6, 7, 8]])
     with pytest.raises(TrackingError, match=r"an eel .* don't stand in a row"):
         _ = layout.places_along
+
+
+def test_the_clicks_tell_the_length_to_a_part_of_a_pixel(tmp_path):
+    video = film(tmp_path / "swim.mp4", [SWIMMER], 4)
+    for first, last in ((13, 187), (14, 186), (15, 184), (16, 183)):
+        found = track(video, SWIMMER.midline(0.0)[[first, last]])
+        length = np.hypot(*np.diff(found.seen.positions[0], axis=0).T).sum()
+        assert length == pytest.approx(SWIMMER.length * (last - first) / 200, rel=0.005)
+
+
+def test_a_midline_is_seen_in_one_plane_however_high_sites_stand(tmp_path):
+    video, ends = film(tmp_path / "swim.mp4", [SWIMMER], 4), SWIMMER.midline(0.0)[[0, -1]]
+    level = track(video, ends).track.positions
+    raised = replace(LAYOUT, heights=np.linspace(0.0, 0.05, COUNT))
+    camera = CameraFile(camera_height=1.0)
+    found = track_film(video, video.with_suffix(".json"), raised, HowToTrack(midline=True, camera=camera))
+    np.testing.assert_array_equal(found.track.positions, level)

@@ -11,6 +11,7 @@ from markertrack.following import Film, FrameProgress, within
 from markertrack.midline.centerline import POINTS, Curve, curves
 from markertrack.midline.doubting import judge
 from markertrack.midline.linking import APART, link
+from markertrack.midline.places import places_at, tail_first
 from markertrack.midline.silhouette import Silhouette
 from markertrack.points import Anchor
 from markertrack.track import MarkerTrack
@@ -22,8 +23,6 @@ SAMPLES, SAMPLE_BYTES = 60, 2e8  # pictures of the film that tell the ground, at
 FINEST = 500.0  # px that a swimmer is long; where it is longer the pictures are looked at in a smaller size
 CLICKS = 0.05, 0.2  # lengths by which the clicked head, and tail, may be off the curve; a tail may be faint
 SNAP = 0.02  # lengths from its end, up to which a click means that
-BEYOND = 0.03  # lengths beyond the visible end at which a place still is there
-BACKWARD = 0.5  # lengths that a swimmer goes tail first, from which it is reported
 
 
 @dataclass(frozen=True)
@@ -104,7 +103,7 @@ def follow_midline(
         positions[t, said], confidence[t, said] = anchor.points[said], 1.0
         positions[t, anchor.hidden] = np.nan
     track = MarkerTrack(np.array(times) - times[0], positions, confidence)
-    return Midline(track, lengths, (*_doubts(linked.chosen < 0, reasons), *_tail_first(track, length / view.share)))
+    return Midline(track, lengths, (*_doubts(linked.chosen < 0, reasons), *tail_first(track, length / view.share)))
 
 
 class _View:
@@ -156,25 +155,32 @@ def _clicked(found: Sequence[Curve], ends: Array) -> tuple[int, float, float]:
     """Number of the curve between two clicked ends, arc length at the first of them, and from it to the second [px]."""
     off = [np.hypot(*(curve.points[[0, -1]] - ends).T).sum() for curve in found]
     curve = found[int(np.argmin(off))]
-    ways = [np.hypot(*(curve.points - end).T) for end in ends]
-    arcs = np.array([curve.length * int(way.argmin()) / (POINTS - 1) for way in ways])
-    if any(way.min() > most * curve.length for way, most in zip(ways, CLICKS, strict=True)):
+    arcs, ways = np.array([_foot(curve, end) for end in ends]).T
+    if (ways > np.array(CLICKS) * curve.length).any():
         raise TrackingError(
-            f"the shape in the clicked frame ends {max(way.min() for way in ways):.0f} px from a click; click the tips "
+            f"the shape in the clicked frame ends {ways.max():.0f} px from a click; click the tips "
             "of head and tail in a frame in which nothing touches the swimmer"
         )
     begin = 0.0 if arcs[0] < SNAP * curve.length else float(arcs[0])
-    beyond = float(ways[1].min()) if arcs[1] == curve.length else 0.0
+    beyond = float(ways[1]) if arcs[1] == curve.length else 0.0
     end = float(arcs[1]) + (beyond if beyond > SNAP * curve.length else 0.0)
     end = curve.length if abs(end - curve.length) < SNAP * curve.length else end
     return int(np.argmin(off)), begin, end - begin
 
 
+def _foot(curve: Curve, place: Array) -> tuple[float, float]:
+    """Arc length at the place of a curve that is nearest another place (2,), and its distance from there [px]."""
+    steps = np.diff(curve.points, axis=0)
+    shares = ((place - curve.points[:-1]) * steps).sum(axis=1) / np.maximum((steps**2).sum(axis=1), 1e-9)
+    shares = np.clip(shares, 0, 1)
+    ways = np.hypot(*(curve.points[:-1] + shares[:, None] * steps - place).T)
+    k = int(ways.argmin())
+    return curve.length * (k + float(shares[k])) / (POINTS - 1), float(ways[k])
+
+
 def _at(curve: Curve, at: Array, length: float) -> Array:
     """Places at arc lengths from the head of a curve, NaN beyond its end [px]. Shapes (M,), (M, 2)."""
-    travel = np.linspace(0, curve.length, POINTS)
-    at = np.where((at > curve.length) & (at < curve.length + BEYOND * length), curve.length, at)
-    return np.stack([np.interp(at, travel, curve.points[:, k], right=np.nan) for k in (0, 1)], axis=1)
+    return places_at(curve.points, np.linspace(0, curve.length, POINTS), at, length)
 
 
 def _doubts(lost: Mask, reasons: Mapping[str, Mask]) -> list[str]:
@@ -183,17 +189,3 @@ def _doubts(lost: Mask, reasons: Mapping[str, Mask]) -> list[str]:
     why = "; ".join(f"{name}: {count}" for name, count in sorted(counts.items(), key=lambda item: -item[1]))
     out = [f"the swimmer isn't found in {lost.sum()} of {len(lost)} frames"] if lost.any() else []
     return out + ([f"the midline is in doubt, in frames: {why}"] if why else [])
-
-
-def _tail_first(track: MarkerTrack, length: float) -> list[str]:
-    """A sentence where the swimmer goes tail first by more than some way [px]."""
-    seen = np.isfinite(track.positions[:, [0, -1]]).all(axis=(1, 2))
-    ends, middle = track.positions[seen][:, [0, -1]], track.positions[seen].mean(axis=1)
-    axes = ends[:-1, 0] - ends[:-1, 1]
-    ahead = (np.diff(middle, axis=0) * axes).sum(axis=1) / np.hypot(*axes.T)
-    way = float(np.nansum(ahead)) / length
-    if way > -BACKWARD:
-        return []
-    return [
-        f"the swimmer goes tail first for {-way:.1f} of its lengths: were head and tail clicked the wrong way round?"
-    ]

@@ -19,10 +19,8 @@ import numpy as np
 from markertrack.quality import (
     LostMarkers,
     TrackQuality,
-    check_bodies,
-    check_places,
+    check_lost,
     check_plausible,
-    check_track,
     doubled_rate,
 )
 from swim2real.calibration.from_rest import FromRest, from_rest
@@ -156,7 +154,8 @@ def examine_swims(reference: TrialSet, robot: Robot) -> tuple[RealSwim, ...]:
     for filmed in reference:
         trial = filmed.seen_from_afar() if robot.swims.from_afar else filmed
         check_plausible(trial.track, robot.rest_markers, robot.marker_names, trial.name)
-        quality = check_places(trial.track) if trial.midline else check_track(trial.track, robot.rest_markers)
+        quality = check_lost(trial.track, robot.layout, trial.midline)
+        assert isinstance(quality, TrackQuality)  # swims have chains
         swims.append(
             RealSwim(trial, quality, identify_beat(trial.track, robot.swims.tail_markers, quality, trial.name))
         )
@@ -280,7 +279,7 @@ class Playback(Protocol[PlaybackSimulator]):
         self, trial: Trial, robot: Robot, simulator: PlaybackSimulator, horizon: float | None, start: str | None
     ) -> PreparedTrial:
         check_plausible(trial.track, robot.rest_markers, robot.marker_names, trial.name)
-        lost = check_places(trial.track) if trial.midline else check_bodies(trial.track, robot.marker_bodies)
+        lost = check_lost(trial.track, robot.layout, trial.midline)
         trials, cut = robot.trials, trial.cut(horizon)
         weights = lost.weights[: cut.track.frame_count]
         request = simulator.request(cut, weights, self.pieces, start)

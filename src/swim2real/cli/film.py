@@ -177,9 +177,12 @@ def track(
 def import_tracks(
     tables: Positional[tuple[Path, ...]], *, to: opt.ToReference, fps: float, robot: opt.RobotOfMarkers = "fish",
     camera: Path | None = None, frequency: opt.Frequencies = (), controls: opt.ControlTables = (),
-    sensors: opt.SensorTables = (), begin: From = (), until: opt.Until = (),
+    sensors: opt.SensorTables = (), begin: From = (), until: opt.Until = (), midline: bool = False,
 ) -> int:  # fmt: skip
     """Make trials of other programs' tracks: tables of DeepLabCut, SLEAP, or others with columns NAME.x and NAME.y.
+
+    With --midline of midlines: of trackter and fishmechr (rows of frame, point, x, y), TRex (its posture npz), and
+    WormTracer (NAME_x.csv, with NAME_y.csv beside it).
 
     Args:
         tables: Tables, one per trial, in pixels; their frames are counted from the video's first, 0.
@@ -187,6 +190,8 @@ def import_tracks(
         camera: JSON file with known lengths, camera height, plane or lens; docs/tracking.md describes it.
         begin: Use the track from this time on [s], which becomes time 0 of the trial and its tables; one for all
             tables, or one for each.
+        midline: Read midlines of swimmers without markers, and put the robot's markers on them, the first at the head
+            and the last at the tail.
     """
     for option, values in (("frequency", frequency), ("controls", controls), ("sensors", sensors)):
         one_each(option, values, len(tables), "tables")
@@ -207,21 +212,21 @@ def import_tracks(
     known = None if camera is None else read_camera(camera)
     # all tables are read before anything is written
     read = {
-        _trial_name(path): (path, span, *_read_track(path, fps, known, body, span))
+        _trial_name(path): (path, span, *_read_track(path, fps, known, body, span, midline))
         for path, span in zip(tables, stretches, strict=True)
     }
     if len(read) < len(tables):
         raise ArgumentError(f"two tables would make a trial of the same name ({', '.join(read)}); rename one")
-    none = [None] * len(tables)
+    none, kind = [None] * len(tables), "midlines" if midline else "pose table"
     driven, measured = ([read_signals(path) for path in paths] or none for paths in (controls, sensors))
     for i, (name, (path, span, pixels, scale, notes)) in enumerate(read.items()):
         clocks = {"track": Timebase(f"first frame of the video of {path.name}", fps, "given")}
         trial = Trial(
             name, scale.to_meters(pixels), frequency[i] if frequency else nominal_frequency(name),
             scale.scale.meters_per_pixel,
-            f"pose table {path.name}, {fps:g} fps" + ("" if camera is None else f", camera {camera.name}"),
+            f"{kind} {path.name}, {fps:g} fps" + ("" if camera is None else f", camera {camera.name}"),
             controls=driven[i], sensors=measured[i],
-            timebases=clocks | by_stamps(TABLES, controls=driven[i], sensors=measured[i]),
+            timebases=clocks | by_stamps(TABLES, controls=driven[i], sensors=measured[i]), midline=midline,
         ).within(span)  # fmt: skip
         add_trial(to, trial, body.marker_names)
         mm_per_pixel = 1e3 * scale.scale.meters_per_pixel
@@ -286,7 +291,7 @@ def quality(
     """
     if not 0 <= allow_lost <= 1:
         raise ArgumentError(f"--allow-lost is {allow_lost:g}; it is a share of frames within 0 and 1, such as 0.05")
-    from markertrack.quality import check_lost, check_places
+    from markertrack.quality import check_lost
     from swim2real.robots import load_robot
     from swim2real.trials import load_reference
     from swim2real.trials.timebase import described
@@ -316,9 +321,7 @@ def quality(
         from swim2real.report import write_quality_page
 
         checked = [
-            (trial, check_places(trial.track) if trial.midline else check_lost(trial.track, body.layout))
-            for trial in trials
-            if trial.name in findings
+            (trial, check_lost(trial.track, body.layout, trial.midline)) for trial in trials if trial.name in findings
         ]
         write_quality_page(checked, body.marker_names, plot, swimming)
     return 0 if all(finding["usable"] for finding in findings.values()) and not refusals else 1
@@ -365,15 +368,17 @@ def _trial_name(path: Path) -> str:
 
 
 def _read_track(
-    path: Path, fps: float, known: CameraFile | None, robot: Robot, span: Span
+    path: Path, fps: float, known: CameraFile | None, robot: Robot, span: Span, midline: bool
 ) -> tuple[MarkerTrack, Camera, list[str]]:
     """A stretch of a track in pixels with the robot's markers in order, its camera, and notes on it."""
     from markertrack.camera import camera_for
+    from swim2real.trials.midline_tables import read_midlines
     from swim2real.trials.pose_tables import read_poses
 
-    track, notes = read_poses(path, fps, robot.marker_names)
+    layout = robot.layout.level if midline else robot.layout
+    track, notes = read_midlines(path, fps, layout.places_along) if midline else read_poses(path, fps, layout.names)
     track = span.of_track(track, str(path))
-    return track, camera_for(track, robot.layout, known), notes
+    return track, camera_for(track, layout, known), notes
 
 
 def _examined(reference: TrialSet, robot: Robot) -> tuple[Findings, dict[str, str]]:
