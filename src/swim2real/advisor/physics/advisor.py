@@ -26,8 +26,10 @@ from swim2real.advisor.physics.model import (
     without_outliers,
 )
 from swim2real.objective.figures import FitFigures
+from swim2real.objective.trial import TAIL_FIRST_LOSS
 from swim2real.optimizers import Evaluation, Proposal, Round, Situation
 from swim2real.optimizers.advisor import DECIMALS
+from swim2real.optimizers.local_model import LocalModel
 from swim2real.parameters import ParameterSpace
 from swim2real.robots.robot import Robot
 from swimbase.arrays import Array
@@ -39,12 +41,17 @@ _PROGRESS = 0.02  # by how much a round must lower the loss to count as progress
 _TRUST_START, _TRUST_LEAST, _TRUST_MOST = 0.5, 0.08, 0.7  # half width of the trusted box, in the unit cube
 _GROW, _SHRINK = 1.3, 0.7
 _SAMPLES, _STARTS = 3000, 4
+_ENOUGH = 6  # evaluations that go forward, after which the local model proposes
+_KNOWN, _TRIED = 0.9, 0.25  # share of an effect that counts as known; of the radius, by which an unknown one is tried
+_RADIUS, _LEAST_RADIUS, _MOST_RADIUS, _WIDER, _NARROWER = 0.15, 0.03, 0.4, 1.5, 0.7  # of the local model's steps
 _DIFFERENCE = 1e-4
 _GRAIN = 9  # decimals of an expected loss [m], for the same reason as those of a proposal
 
 
 class PhysicsAdvisor:
     """Proposes parameters from measured sensitivities and what the run has shown."""
+
+    needs_residual = True
 
     def __init__(self, robot: Robot, space: ParameterSpace, seed: int) -> None:
         """Prepares the advisor.
@@ -76,12 +83,38 @@ class PhysicsAdvisor:
             return Proposal(
                 self._back(point), "The simulation diverged.", "A point near the middle of the box is safer.", {}
             )
+        if (solved := self._solved(usable, situation)) is not None:
+            return solved
         expectation = self._expectation(usable, situation.incumbent, situation.rounds)
         point = self._best_point(expectation, here, trust, rng)
         before, after = expectation.losses(np.array([here, point]))
         notes = {"trust": round(trust, 4), "expected_loss": float(after), "expected_loss_here": float(before)}
         reasoning = reason(self._own, here, point, self._gains(expectation, here, point))
         return Proposal(self._back(point), _diagnosis(_figures(situation.incumbent)), reasoning, notes)
+
+    def _solved(self, usable: Sequence[Evaluation], situation: Situation) -> Proposal | None:
+        """The step that the local model proposes, once the run has shown enough; None before.
+
+        After a success it also changes the parameter of whose effect the least is known, so that the model learns.
+        """
+        if sum(bool(one.stages) and one.loss < TAIL_FIRST_LOSS for one in usable) < _ENOUGH:
+            return None
+        model, radius = LocalModel(usable), _solved_radius(situation.rounds)
+        here, names = model.base.candidate.point, self._space.names
+        point = model.solve(radius)
+        notes: dict[str, object] = {"radius": round(radius, 4)}
+        least = int(np.argmin(model.known))
+        if model.known[least] < _KNOWN and (not situation.rounds or situation.rounds[-1].accepted):
+            room = np.sign(0.5 - here[least]) or 1.0
+            point[least] = np.clip(here[least] + (np.sign(point[least] - here[least]) or room) * _TRIED * radius, 0, 1)
+            notes["tried"] = names[least]
+        point = point.round(DECIMALS)
+        alone = np.where(np.eye(len(point), dtype=bool), here, point)
+        expected = model.predict(point)
+        gains = np.array([model.predict(one).loss for one in alone]) - expected.loss
+        notes |= {"expected_loss": expected.loss, "expected_std": expected.std, "known": expected.known}
+        diagnosis = _diagnosis(_figures(situation.incumbent))
+        return Proposal(point, diagnosis, reason(self._space, here, point, gains), notes)
 
     def _point(self, evaluation: Evaluation) -> Array:
         return self._own.to_cube(self._space.to_values(evaluation.candidate.point))
@@ -159,6 +192,16 @@ def trust_radius(rounds: Sequence[Round]) -> float:
             trust *= finished.steps[-1].step_size ** 0.25
         trust = float(np.clip(trust, _TRUST_LEAST, _TRUST_MOST))
     return trust
+
+
+def _solved_radius(rounds: Sequence[Round]) -> float:
+    """Radius of the local model's steps: it grows and shrinks with their successes."""
+    radius = _RADIUS
+    for finished in rounds:
+        if "radius" in finished.proposal.notes:
+            radius *= _WIDER if finished.accepted else _NARROWER
+            radius = min(max(radius, _LEAST_RADIUS), _MOST_RADIUS)
+    return radius
 
 
 def caution(rounds: Sequence[Round]) -> float:
