@@ -43,7 +43,7 @@ _GROW, _SHRINK = 1.3, 0.7
 _SAMPLES, _STARTS = 3000, 4
 _ENOUGH = 6  # evaluations that go forward, after which the local model proposes
 _KNOWN, _TRIED = 0.9, 0.25  # share of an effect that counts as known; of the radius, by which an unknown one is tried
-_RADIUS, _LEAST_RADIUS, _MOST_RADIUS, _WIDER, _NARROWER = 0.15, 0.03, 0.4, 1.5, 0.7  # of the local model's steps
+_RADIUS, _LEAST_RADIUS, _MOST_RADIUS, _WIDER, _NARROWER = 0.15, 0.03, 0.3, 1.5, 0.7  # of the local model's steps
 _DIFFERENCE = 1e-4
 _GRAIN = 9  # decimals of an expected loss [m], for the same reason as those of a proposal
 
@@ -95,7 +95,7 @@ class PhysicsAdvisor:
     def _solved(self, usable: Sequence[Evaluation], situation: Situation) -> Proposal | None:
         """The step that the local model proposes, once the run has shown enough; None before.
 
-        After a success it also changes the parameter of whose effect the least is known, so that the model learns.
+        After a success, and where it promises little, it also changes the parameter of whose effect the least is known.
         """
         if sum(bool(one.stages) and one.loss < TAIL_FIRST_LOSS for one in usable) < _ENOUGH:
             return None
@@ -103,16 +103,16 @@ class PhysicsAdvisor:
         here, names = model.base.candidate.point, self._space.names
         point = model.solve(radius)
         notes: dict[str, object] = {"radius": round(radius, 4)}
-        least = int(np.argmin(model.known))
-        if model.known[least] < _KNOWN and (not situation.rounds or situation.rounds[-1].accepted):
-            room = np.sign(0.5 - here[least]) or 1.0
-            point[least] = np.clip(here[least] + (np.sign(point[least] - here[least]) or room) * _TRIED * radius, 0, 1)
-            notes["tried"] = names[least]
+        little = model.predict(point).loss > (1 - _PROGRESS / 2) * model.base.loss
+        if little or not situation.rounds or situation.rounds[-1].accepted:
+            tried, least = _with_unknown(model, point, _TRIED * radius)
+            if least is not None:
+                point, notes["tried"] = tried, names[least]
         point = point.round(DECIMALS)
         alone = np.where(np.eye(len(point), dtype=bool), here, point)
         expected = model.predict(point)
         gains = np.array([model.predict(one).loss for one in alone]) - expected.loss
-        notes |= {"expected_loss": expected.loss, "expected_std": expected.std, "known": expected.known}
+        notes |= {"expected_loss": expected.loss, "expected_std": expected.std, "known": float(expected.known)}
         diagnosis = _diagnosis(_figures(situation.incumbent))
         return Proposal(point, diagnosis, reason(self._space, here, point, gains), notes)
 
@@ -194,13 +194,26 @@ def trust_radius(rounds: Sequence[Round]) -> float:
     return trust
 
 
+def _with_unknown(model: LocalModel, point: Array, size: float) -> tuple[Array, int | None]:
+    """The point with a change of the parameter of whose effect the least is known, and which, where that is safe."""
+    here, least = model.base.candidate.point, int(np.argmin(model.known))
+    side = np.sign(point[least] - here[least]) or np.sign(0.5 - here[least]) or 1.0
+    tried = point.copy()
+    tried[least] = np.clip(here[least] + side * size, 0.0, 1.0)
+    expected = model.predict(tried)
+    safe = bool(np.all(expected.margins > expected.margin_stds))
+    return (tried, least) if safe and model.known[least] < _KNOWN else (point, None)
+
+
 def _solved_radius(rounds: Sequence[Round]) -> float:
     """Radius of the local model's steps: it grows and shrinks with their successes."""
     radius = _RADIUS
     for finished in rounds:
-        if "radius" in finished.proposal.notes:
-            radius *= _WIDER if finished.accepted else _NARROWER
-            radius = min(max(radius, _LEAST_RADIUS), _MOST_RADIUS)
+        if "radius" in finished.proposal.notes and not finished.accepted:
+            radius *= _NARROWER
+        elif "radius" in finished.proposal.notes and finished.result.loss < (1 - _PROGRESS) * finished.incumbent.loss:
+            radius *= _WIDER
+        radius = min(max(radius, _LEAST_RADIUS), _MOST_RADIUS)
     return radius
 
 
