@@ -22,7 +22,7 @@ from swimbase.errors import OptimizerError
 
 RADIUS = 0.1  # per range: how far a step goes at most unless asked for more
 _NEAR = 0.05  # per range: distance up to which an evaluation tells as much as one next to the best point
-_CAUTION = 0.2  # weight of what isn't known in the squares that a step lowers
+_CAUTION = 0.1  # weight of what isn't known in the squares that a step lowers
 _STEEPNESS = np.geomspace(1e-2, 1e4, 13)  # variances of slopes that may be expected, over that of what bends
 _MARGIN = 0.5  # of the first beats' speed at the best point, which a step keeps in every trial
 _SPEED = 0.01  # m/s, the size of a margin

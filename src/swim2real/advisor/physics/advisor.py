@@ -41,9 +41,9 @@ _PROGRESS = 0.02  # by how much a round must lower the loss to count as progress
 _TRUST_START, _TRUST_LEAST, _TRUST_MOST = 0.5, 0.08, 0.7  # half width of the trusted box, in the unit cube
 _GROW, _SHRINK = 1.3, 0.7
 _SAMPLES, _STARTS = 3000, 4
-_ENOUGH = 6  # evaluations that go forward, after which the local model proposes
+_ENOUGH = 7  # evaluations that go forward, after which the local model proposes
 _KNOWN, _TRIED = 0.9, 0.25  # share of an effect that counts as known; of the radius, by which an unknown one is tried
-_RADIUS, _LEAST_RADIUS, _MOST_RADIUS, _WIDER, _NARROWER = 0.15, 0.03, 0.3, 1.5, 0.7  # of the local model's steps
+_RADIUS, _LEAST_RADIUS, _MOST_RADIUS, _WIDER, _NARROWER = 0.15, 0.03, 0.4, 1.5, 0.7  # of the local model's steps
 _DIFFERENCE = 1e-4
 _GRAIN = 9  # decimals of an expected loss [m], for the same reason as those of a proposal
 
@@ -51,15 +51,14 @@ _GRAIN = 9  # decimals of an expected loss [m], for the same reason as those of 
 class PhysicsAdvisor:
     """Proposes parameters from measured sensitivities and what the run has shown."""
 
-    needs_residual = True
-
-    def __init__(self, robot: Robot, space: ParameterSpace, seed: int) -> None:
+    def __init__(self, robot: Robot, space: ParameterSpace, seed: int, solves: bool = True) -> None:
         """Prepares the advisor.
 
         Args:
             robot: The robot whose simulator is calibrated.
             space: Parameters as the optimizer uses them, on any scale. The advisor itself uses the logarithmic one.
             seed: Seed of the run.
+            solves: Whether it steps by the local model once the run has shown enough.
 
         Raises:
             ArgumentError: Nobody has measured the robot's response.
@@ -71,6 +70,7 @@ class PhysicsAdvisor:
             )
         self._response, self._space, self._seed = robot.swims.response, space, seed
         self._own = replace(space, scale="log")
+        self.needs_residual = solves
 
     def propose(self, situation: Situation) -> Proposal:
         """The point within its trust that it expects to be best."""
@@ -95,16 +95,15 @@ class PhysicsAdvisor:
     def _solved(self, usable: Sequence[Evaluation], situation: Situation) -> Proposal | None:
         """The step that the local model proposes, once the run has shown enough; None before.
 
-        After a success, and where it promises little, it also changes the parameter of whose effect the least is known.
+        Where that promises little, it also changes the parameter of whose effect the least is known.
         """
-        if sum(bool(one.stages) and one.loss < TAIL_FIRST_LOSS for one in usable) < _ENOUGH:
+        if not self.needs_residual or sum(bool(one.stages) and one.loss < TAIL_FIRST_LOSS for one in usable) < _ENOUGH:
             return None
         model, radius = LocalModel(usable), _solved_radius(situation.rounds)
         here, names = model.base.candidate.point, self._space.names
         point = model.solve(radius)
         notes: dict[str, object] = {"radius": round(radius, 4)}
-        little = model.predict(point).loss > (1 - _PROGRESS / 2) * model.base.loss
-        if little or not situation.rounds or situation.rounds[-1].accepted:
+        if model.predict(point).loss > (1 - _PROGRESS / 2) * model.base.loss:
             tried, least = _with_unknown(model, point, _TRIED * radius)
             if least is not None:
                 point, notes["tried"] = tried, names[least]
