@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
-from scipy.optimize import Bounds, minimize
+from scipy.optimize import Bounds, NonlinearConstraint, minimize
 
 from swim2real.optimizers.contract import Array, Evaluation
 from swimbase.arrays import Mask
@@ -168,7 +168,7 @@ class LocalModel:
         size = np.where(np.ones(len(slope), bool) if free is None else free, radius, 0.0)
         low, high = np.maximum(-self._here, -size), np.minimum(1 - self._here, size)
         unit = max(float(np.abs(slope).max()) * radius, 1e-300)
-        constraints: list[dict[str, object]] = []
+        constraints: list[NonlinearConstraint] = []
         if (fit := self._margins) is not None:
             floor = np.where(self.base.margins > 0, _MARGIN * self.base.margins, self.base.margins)
 
@@ -176,7 +176,7 @@ class LocalModel:
                 spread = np.sqrt(fit.scales * max(fit.variance(step), 1e-18))
                 return (self.base.margins + step @ fit.slopes - spread - floor) / _SPEED
 
-            constraints.append({"type": "ineq", "fun": left})
+            constraints.append(NonlinearConstraint(left, 0.0, np.inf))
 
         def expected(step: Array) -> tuple[float, Array]:
             squares = float(2 * slope @ step + step @ curvature @ step)
