@@ -82,7 +82,7 @@ def solved(problem: Problem, space: ParameterSpace, record: list[Evaluation]) ->
         model = LocalModel(known)
         proposed = np.array(record[begin].candidate.note["proposal"]["point"])
         changed = np.abs(proposed - model.base.candidate.point) > 1e-9
-        steps = [model.solve(), model.solve(changed)]
+        steps = [model.solve(), model.solve(free=changed)]
         expected = tuple(model.predict(one).loss for one in steps)
         found = tuple(evaluate(problem, space, one, {}).loss for one in steps)
         lowest = min(one.loss for one in record[begin:end])
