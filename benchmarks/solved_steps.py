@@ -24,6 +24,7 @@ from swim2real.optimizers.local_model import LocalModel
 from swim2real.parameters import ParameterSpace
 from swim2real.robots import load_robot
 from swim2real.trials import load_reference
+from swimbase.errors import OptimizerError
 
 _FEWEST = 8  # evaluations before the first step
 
@@ -79,7 +80,10 @@ def solved(problem: Problem, space: ParameterSpace, record: list[Evaluation]) ->
         before = min((one.loss for one in known), default=1.0)
         if begin < _FEWEST or before >= TAIL_FIRST_LOSS:
             continue
-        model = LocalModel(known)
+        try:
+            model = LocalModel(known)
+        except OptimizerError:  # all others turned around
+            continue
         proposed = np.array(record[begin].candidate.note["proposal"]["point"])
         changed = np.abs(proposed - model.base.candidate.point) > 1e-9
         steps = [model.solve(), model.solve(free=changed)]
