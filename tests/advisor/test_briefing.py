@@ -406,12 +406,14 @@ def builder(robot, space, comparison, videos=(), takes_video=False) -> TrialProm
 
 
 def asked(robot, space, comparison, evaluation, videos=(), takes_video=False) -> Request:
-    """The question of the round after one that was rejected and one that was accepted."""
+    """The question of the round after one that was rejected and one that was accepted, with the media of the first."""
     notes = {"clipped": {"x": 3.0}, "missing": ["y"]}
     proposal = Proposal(np.full(len(space), 0.6), "It is too lively.", "", notes)
     worse, better = (replace(evaluation, loss=factor * evaluation.loss) for factor in (2, 0.5))
     situation = after(evaluation, (proposal, [worse, worse]), (proposal, [worse, better]))
-    return builder(robot, space, comparison, videos, takes_video).question(situation)
+    asking = builder(robot, space, comparison, videos, takes_video)
+    first, later = asking.question(start(evaluation)), asking.question(situation)
+    return replace(later, parts=(*(part for part in later.parts if isinstance(part, str)), *first.media))
 
 
 @pytest.mark.parametrize("takes_video", [False, True])
@@ -438,6 +440,8 @@ def test_pictures_come_with_a_new_point_and_of_a_full_step_that_was_rejected():
     shown = [[media.label.split(" (")[0] for media in asking.question(one).media] for one in
              (start(evaluation), rejected, rejected, measured, accepted)]  # fmt: skip
     assert len(shown[0]) == 3  # the worst ones, at low detail
+    resumed = builder(eel(), EEL_SPACE, compared_waves(pairs)).question(accepted)
+    assert [media.label.split(" (")[0] for media in resumed.media] == shown[4]  # as before the run was left
     assert shown[1] == shown[2]  # asked once more
     assert shown[1][0].startswith("Not the current point but the rejected full step of the last round")
     assert [len(labels) for labels in shown[1:]] == [1, 1, 0, 1]

@@ -241,6 +241,30 @@ FULL, HALF, QUARTER = (finished_round(steps=count) for count in (1, 2, 3))
 REJECTED = finished_round(loss=0.3, steps=3, accepted=False)
 
 
+def test_once_seven_swims_go_forward_it_steps_by_what_they_show():
+    world, slopes = World(), np.random.default_rng(0).standard_normal((16, 50)) * 0.01
+
+    def seen(point) -> Evaluation:
+        residual = 1e-3 + (point - FORWARD) @ slopes
+        length = float(np.linalg.norm(residual))
+        stage = (residual, np.full(50, length**-0.5))  # whose squares add up to the loss
+        return replace(world.evaluate(point), loss=length, stages=(stage,) * 4, margins=np.array([0.05]))
+
+    middle, rng = np.clip(FORWARD + 0.05, 0, 1), np.random.default_rng(1)
+    first, *others = (seen(np.clip(middle + 0.05 * rng.standard_normal(16), 0, 1)) for _ in range(20))
+    best = min((first, *others), key=lambda one: one.loss)
+    shown = Situation(best, (), first, tuple(others))
+    proposal = advisor().propose(shown)
+    assert_sound(proposal, best.candidate.point)
+    assert np.abs(proposal.point - best.candidate.point).max() <= proposal.notes["radius"] + 1e-6
+    assert seen(proposal.point).loss == pytest.approx(
+        proposal.notes["expected_loss"], abs=2 * proposal.notes["expected_std"]
+    )
+    assert seen(proposal.point).loss < 0.7 * best.loss
+    few = Situation(first, (), first, tuple(others[:4]))
+    assert "radius" not in advisor().propose(few).notes
+
+
 def test_trust_and_caution_follow_what_was_gained():
     begin, full, half, quarter, rejected = map(trust_radius, ((), (FULL,), (HALF,), (QUARTER,), (REJECTED,)))
     assert rejected <= quarter < half < begin < full

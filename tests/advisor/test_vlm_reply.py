@@ -94,7 +94,16 @@ def test_parameters_that_keep_their_value_stay_at_the_incumbents_coordinates_to_
 def test_the_schema_asks_for_every_parameter_in_order_and_says_bounds_only_when_asked():
     schema = reply_schema(FISH.space)
     assert list(schema["properties"]) == schema["required"]
-    assert schema["required"] == ["diagnosis", "reasoning", "parameters", "probe", "measure"]
+    assert schema["required"] == [
+        "diagnosis",
+        "reasoning",
+        "parameters",
+        "probe",
+        "measure",
+        "predict",
+        "solve",
+        "effects",
+    ]
     assert schema["properties"]["parameters"]["required"] == list(FISH.space.names)
     assert "minimum" not in json.dumps(schema)
     bounded = reply_schema(FISH.space, bounds=True)["properties"]["parameters"]["properties"]

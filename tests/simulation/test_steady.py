@@ -4,8 +4,10 @@ from scipy.interpolate import CubicSpline
 
 from markertrack import frames
 from swim2real.robots.fish import FISH
+from swim2real.simulation import Simulator, Swim
 from swim2real.simulation.simulator import Cycle, steady_cycle
 from swim2real.simulation.stepper import Stepper
+from swim2real.trials import Actuation
 
 PHASES = np.arange(101) / 100
 
@@ -46,6 +48,17 @@ def test_the_steady_cycle_is_what_a_long_swim_of_any_fish_ends_in(seed, frequenc
     cycle = found_cycle(values, frequency)
     assert cycle is not None
     assert_same_cycle(cycle, last_turn_of_a_long_swim(values, frequency, 8.0 if seed is None else 12.0), frequency)
+
+
+def test_a_swim_that_begins_at_rest_says_how_fast_its_first_two_beats_were():
+    values, frequency = FISH.space.published, 1.2
+    swims = [Swim(f"at {speed:g}", Actuation(frequency, start_speed=speed), 2.0) for speed in (0.0, 0.1)]
+    at_rest, at_speed, rest = Simulator(FISH, 1).simulate(values, [*swims, Swim("rest", Actuation(frequency), 2.0)])
+    assert at_speed.first_beats is None
+    assert rest.first_beats is None  # all of it is there to see
+    middles = rest.track.positions[:, :, 0].mean(axis=1)
+    begin, end = np.interp([0, 2 / frequency], rest.track.times, middles)
+    assert at_rest.first_beats == pytest.approx((begin - end) * frequency / 2, abs=1e-3)
 
 
 def test_the_steady_cycle_doesnt_depend_on_the_start(new_fluid_law):

@@ -155,7 +155,8 @@ def minimize(
             residual = np.concatenate([residual, (scale or 0.0) * (candidate.point - prior)])
         stages = () if residual is None or comparison is None or entry.failed else comparison.residual_stages()
         figures = entry.evidence.model_dump(exclude_unset=True)
-        optimizer.tell(Evaluation(candidate, entry.loss, entry.failed, figures, residual, stages))
+        margins = np.zeros(0) if comparison is None or not stages else comparison.first_beats
+        optimizer.tell(Evaluation(candidate, entry.loss, entry.failed, figures, residual, stages, margins))
         pace = (time.monotonic() - started) / (fresh or index + 1)
         left = [one for one in (optimizer.left, None if budget is None else budget - index - 1) if one is not None]
         lowest.append(best.loss)

@@ -186,9 +186,9 @@ def _part(kind: Any, content: Mapping[str, Any], path: str, sizes: Mapping[str, 
 def _checked(name: str, hint: Any, array: Any, shape: tuple[int, ...] | None) -> Any:
     """A text, a number, or an array of 64-bit floats, as the type and the shape want it."""
     if array.ndim == 0:
-        value = array.item()
-        if shape is not None or not isinstance(value, float | int if hint is float else str):
-            raise ValueError(f"{name} is {value!r}, which is no {'number' if hint is float else 'text or array'}")
+        value, number = array.item(), hint in (float, float | None)
+        if shape is not None or not isinstance(value, float | int if number else str):
+            raise ValueError(f"{name} is {value!r}, which is no {'number' if number else 'text or array'}")
         return value
     numbers = array.astype(float)
     if numbers.size and np.nanmax(np.abs(numbers), initial=0.0) > _LARGEST:

@@ -96,6 +96,12 @@ class Comparison:
             ]
         return tuple(stages)
 
+    @property
+    def first_beats(self) -> Array:
+        """Simulated speed over the first two beats from rest of each trial that has one [m/s]. Shape (F,)."""
+        ways = [trial.progress.first_beats for trial in self.trials if trial.progress is not None]
+        return np.array([speed for speed in ways if speed is not None])
+
     def figure(self, name: str) -> float:
         """One overall figure."""
         return float(np.mean([trial.figures()[name] for trial in self.trials]))

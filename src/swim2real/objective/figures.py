@@ -192,6 +192,7 @@ class TrialFigures(Figures):
         yaw_real_std: Standard error of the amplitude of the real head's yaw [rad]; the other three likewise.
         yaw_lag: Phase of the simulated head's yaw relative to the real one's [rad]; that of the sway likewise.
         phase: Motor angle at the first frame [rad].
+        first_beats: Simulated speed over the first two beats from rest [m/s].
         divergence: Why the simulation failed, or None.
     """
 
@@ -225,6 +226,7 @@ class TrialFigures(Figures):
     sway_simulated_std: Fact = None
     sway_lag: Fact = None
     phase: Fact = None
+    first_beats: Fact = None
     divergence: Text | None = None
     motion_marker_errors: list[Fact] = []
     marker_errors: list[Fact] = []

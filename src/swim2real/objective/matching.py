@@ -87,7 +87,8 @@ def compare_steady(target: Target, simulated: Trial, *, fit_phase: bool = True) 
     compared = _compared(
         target, loss_figure, body_simulated, sampled.course[:kept], sampled.progress[:kept], sampled.speed
     )
-    return replace(compared, registration=registration, beat=beat, head=head)
+    progress = None if compared.progress is None else replace(compared.progress, first_beats=simulated.first_beats)
+    return replace(compared, registration=registration, beat=beat, head=head, progress=progress)
 
 
 def compare_playback(target: Target, simulated: Trial) -> ComparedTrial:

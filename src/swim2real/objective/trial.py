@@ -85,12 +85,15 @@ class ComparedProgress:
         simulated: Simulated way [m]. Shape (T,).
         velocity_real: Real speed along the line of travel [m/s].
         velocity_simulated: Simulated speed, negative when it goes tail first [m/s].
+        first_beats: Simulated speed over the first two beats from rest [m/s]; None for another start. As the parameters
+            change it passes smoothly through about 0 where the settled swim jumps from head first to tail first.
     """
 
     real: Array
     simulated: Array
     velocity_real: float
     velocity_simulated: float
+    first_beats: float | None = None
 
 
 @dataclass(frozen=True)
@@ -435,6 +438,8 @@ class ComparedTrial:
         if self.frame is not None:
             evidence["shape_marker_errors"] = self.marker_errors("shape")
         if self.beat is not None:
+            if self.progress is not None and self.progress.first_beats is not None:
+                evidence["first_beats"] = self.progress.first_beats
             evidence |= self._beats("beat", self.beat, self.real, self.simulated)
             if self.head is not None:
                 real, simulated = self.head.real.to_path(self.real), self.simulated

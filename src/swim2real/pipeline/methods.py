@@ -8,14 +8,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from swim2real import optimizers
-from swim2real.advisor import make_advisor
+from swim2real.advisor import PhysicsAdvisor
 from swim2real.methods import METHODS
 from swim2real.optimizers.callback import CallbackSolver
 from swim2real.optimizers.enough import Sizes
 from swim2real.optimizers.mujoco_sysid import least_squares as solver
 from swim2real.parameters import ParameterSpace, Values
 from swim2real.robots.robot import Robot
-from swim2real.settings import PAPER_BUDGET, PHYSICS, CalibrationSettings
+from swim2real.settings import PAPER_BUDGET, CalibrationSettings
 from swimbase.arrays import Array
 from swimbase.errors import ArgumentError
 
@@ -169,7 +169,7 @@ def multi_start(start: Start) -> optimizers.Optimizer:
     robot = start.robot
     if not (start.led and robot.trials.steady and robot.swims.response is not None):
         return _spread_starts(start, start.first, start.rng, led=False)
-    advised = replace(start, advisor=make_advisor(PHYSICS, robot, start.space, start.settings.seed))
+    advised = replace(start, advisor=PhysicsAdvisor(robot, start.space, start.settings.seed, solves=False))
     return optimizers.Sequel(line_search(advised), _LED, lambda best: _spread_starts(start, best, start.rng, led=True))
 
 

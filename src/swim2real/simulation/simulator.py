@@ -154,6 +154,7 @@ class Simulator:
         actuation = swim.actuation
         speed = 2 * np.pi * actuation.frequency
         step = "engine's own" if fast is None else "fast"
+        first_beats = None
         try:
             if isinstance(model, str):
                 raise _DivergedError(model)
@@ -163,33 +164,39 @@ class Simulator:
             else:
                 stepper = Stepper(model, self.robot, actuation.start_speed, speed, 0.0, fast)
                 if self._full_length:
-                    track, note = self._at_length(stepper, swim), "at full length"
+                    track, first_beats = self._at_length(stepper, swim)
+                    note = "at full length"
                 else:
-                    track, note = self._steady_cycle(stepper, swim)
+                    track, first_beats, note = self._steady_cycle(stepper, swim)
+                if actuation.start_speed:
+                    first_beats = None
         except _DivergedError as error:
             rest = np.zeros((2, len(self.robot.marker_names), 2)) + self.robot.rest_markers
             track = MarkerTrack([0.0, _UNROLLED_SAMPLE], rest)
             return Trial(swim.name, track, actuation.frequency, provenance="diverged", divergence=str(error))
-        return Trial(swim.name, track, actuation.frequency, provenance=f"{self.engine.name}, {step} step, {note}")
+        provenance = f"{self.engine.name}, {step} step, {note}"
+        return Trial(swim.name, track, actuation.frequency, provenance=provenance, first_beats=first_beats)
 
-    def _steady_cycle(self, stepper: Stepper, swim: Swim) -> tuple[MarkerTrack, str]:
+    def _steady_cycle(self, stepper: Stepper, swim: Swim) -> tuple[MarkerTrack, float, str]:
         period = swim.actuation.period
         cycle = steady_cycle(stepper, period)
         note = f"steady cycle after {cycle.cycles:.2f} periods"
         lead = swim.actuation.phase / (2 * np.pi) % 1.0 * period
         times, markers = cycle.unroll(int(np.ceil((lead + swim.duration) / period)))
         samples = self._samples(swim.duration)
-        return MarkerTrack(samples, CubicSpline(times, markers, axis=0)(lead + samples)), note
+        track = MarkerTrack(samples, CubicSpline(times, markers, axis=0)(lead + samples))
+        return track, cycle.first_beats, note
 
-    def _at_length(self, stepper: Stepper, swim: Swim) -> MarkerTrack:
-        """The swim from the first motor angle of its phase on, once it has settled."""
+    def _at_length(self, stepper: Stepper, swim: Swim) -> tuple[MarkerTrack, float]:
+        """The swim from the first motor angle of its phase on, once it has settled, and its first beats' speed."""
         actuation = swim.actuation
         start = settling_turns(actuation.frequency, actuation.start_speed) + actuation.phase / (2 * np.pi) % 1.0
         chunk = _run_to(None, stepper, actuation.period, start + swim.duration / actuation.period)
         times = np.arange(len(chunk.turns)) * stepper.timestep
         samples = self._samples(swim.duration)
         begin = float(np.interp(start, chunk.turns, times))
-        return MarkerTrack(samples, CubicSpline(times, chunk.markers, axis=0)(begin + samples))
+        track = MarkerTrack(samples, CubicSpline(times, chunk.markers, axis=0)(begin + samples))
+        return track, _first_beats(chunk, actuation.period)
 
     def _samples(self, duration: float) -> np.ndarray:
         return np.linspace(0.0, duration, int(np.ceil(duration / self._sample_interval - 1e-9)) + 1)
@@ -217,11 +224,13 @@ class Cycle:
         markers: Positions at equally spaced phases from motor angle 0 to one full turn, both included [m].
             Shape (P + 1, M, 2).
         cycles: Simulated periods that it took.
+        first_beats: Forward speed over the first two of them, or fewer where it took fewer [m/s].
     """
 
     period: float
     markers: Array
     cycles: float
+    first_beats: float = 0.0
 
     def unroll(self, count: int) -> tuple[Array, Array]:
         """The swim that repeats this cycle, each one starting where and how the last one ended.
@@ -262,7 +271,7 @@ def steady_cycle(stepper: Stepper, period: float) -> Cycle:
         DivergedError: The engine gave up.
     """
     end = max(0.5, np.ceil(2 * _SETTLING_TIME / period) / 2) + 1.0  # turns
-    swim, change_before = _run_to(None, stepper, period, end), None
+    swim, change_before, first_beats = _run_to(None, stepper, period, end), None, None
     while True:
         first, last = _instant(swim, end - 1), _instant(swim, end)
         shape_change = float(np.linalg.norm(last.body - first.body, axis=1).mean())
@@ -272,13 +281,22 @@ def steady_cycle(stepper: Stepper, period: float) -> Cycle:
         to_come = change * np.sqrt(ratio) / (1 - ratio)
         tolerance = max(_SPEED_TOLERANCE, _SPEED_SHARE * float(np.linalg.norm(last.head - first.head)) / period)
         if end >= _MAX_CYCLES or (abs(to_come) < tolerance and shape_change < _SHAPE_TOLERANCE):
-            return Cycle(period, _one_turn(swim, end, period), float(end))
+            speed = _first_beats(swim, period) if first_beats is None else first_beats
+            return Cycle(period, _one_turn(swim, end, period), float(end), speed)
         if change_before is not None and ratio > _SLOW and shape_change < _PUSH_SHAPE:
+            first_beats = _first_beats(swim, period) if first_beats is None else first_beats  # unpushed
             stepper.push(change * ratio / (1 - ratio) * last.forward)
             change_before, end = None, float(swim.turns[-1]) + 1.25
         else:
             change_before, end = change, end + 0.5
         swim = _run_to(swim, stepper, period, end)
+
+
+def _first_beats(swim: Chunk, period: float) -> float:
+    """Forward speed over the first two turns of the motor, or fewer where there are fewer [m/s]."""
+    turns = min(2.0, float(swim.turns[-1]))
+    way = np.interp([0.0, turns], swim.turns, swim.markers[:, :, 0].mean(axis=1))  # the head points to -x
+    return float(way[0] - way[1]) / (turns * period)
 
 
 def settling_turns(frequency: float, start_speed: float | None = None) -> float:

@@ -104,6 +104,8 @@ class Trial:
         perspective: What the camera did to the track; None where nothing is known of it, or it is corrected.
         timebases: Clocks of its streams, by `track`, `controls` and `sensors`, as far as they are known.
         midline: Whether its markers are places along the midline of a swimmer without markers.
+        first_beats: Forward speed of a simulated steady swim over its first two beats from rest, as far as it was
+            simulated [m/s]; None where it didn't begin at rest.
     """
 
     name: str
@@ -121,6 +123,7 @@ class Trial:
     perspective: Perspective | None = None
     timebases: Mapping[str, Timebase] = field(default_factory=dict[str, Timebase])
     midline: bool = False
+    first_beats: float | None = None
 
     @property
     def fps(self) -> float:

@@ -16,6 +16,7 @@ from swim2real.advisor.briefing.facts import RoundFacts
 from swim2real.advisor.briefing.history import effects, loss, rounds_told
 from swim2real.advisor.briefing.media import DETAILS, Detail, Films, gather_media, overlay, shorter
 from swim2real.advisor.vlm.exchange import Media, Request
+from swim2real.advisor.vlm.instruments import MOST_ASKED
 from swim2real.advisor.vlm.reply import reply_schema
 from swim2real.objective import TAIL_FIRST_LOSS, Comparison
 from swim2real.optimizers import Evaluation, Situation
@@ -63,9 +64,6 @@ class TrialPromptBuilder:
         self._settings, self._takes_video, self._reply_tokens = settings, takes_video, reply_tokens
         self._from_rest, self._schema, self._budget = from_rest, reply_schema(space, several=several), budget
         self._several = several
-        self._asked: tuple[int, int] | None = None  # rounds and measurements before the last question
-        self._before: Evaluation | None = None  # the point that was shown before that question
-        self._shown: Evaluation | None = None  # and with it
 
     def question(self, situation: Situation, level: int = 0) -> Request:
         """Request for a proposal in a situation.
@@ -90,11 +88,7 @@ class TrialPromptBuilder:
 
     def _media(self, situation: Situation, detail: Detail) -> tuple[Sequence[Media], Sequence[str]]:
         """Media of a request: all trials of the first point, of a later one the worst, and a rejected full step."""
-        key = (len(situation.rounds), len(situation.measurements))
-        if key != self._asked:  # a question that is asked once more shows the same
-            self._asked, self._before = key, self._shown
-        before = None if self._show == "pictures" else self._before  # pictures alone: there is nothing else
-        self._shown = situation.incumbent
+        before = None if self._show == "pictures" else shown_before(situation)  # pictures alone: there is nothing else
         if before is not situation.incumbent:
             most, films = (detail.trials, self._videos) if before is None else (detail.again, {})
             return gather_media(self._scenes(situation.incumbent), detail, self._takes_video, films, most)
@@ -110,6 +104,18 @@ class TrialPromptBuilder:
     def _scenes(self, evaluation: Evaluation) -> list[TrialPictures]:
         """The trials of an evaluation, simulated once more."""
         return Album(self._simulate(self._space.to_values(evaluation.candidate.point)), self._robot).trials
+
+
+def shown_before(situation: Situation) -> Evaluation | None:
+    """The point that the question before this one showed; None where this is the first of its search."""
+    measured = list(situation.measurements)
+    if not any(one.candidate.note.get("probe") for one in measured):  # none, or only those of before any question
+        return situation.rounds[-1].incumbent if situation.rounds else None
+    measured.pop()
+    while measured and not measured[-1].candidate.note.get("probe"):
+        measured.pop()
+    start = situation.rounds[-1].result if situation.rounds else situation.first
+    return min((start, *measured), key=lambda one: (one.failed, one.loss))
 
 
 def rejected_step(situation: Situation) -> Evaluation | None:
@@ -156,7 +162,7 @@ def _environment() -> Environment:
     )  # fmt: skip
     for module in (history, tables, texts):
         environment.globals.update(vars(module))
-    extra: dict[str, Any] = {"hypot": math.hypot, "tail_first_loss": TAIL_FIRST_LOSS}
+    extra: dict[str, Any] = {"hypot": math.hypot, "tail_first_loss": TAIL_FIRST_LOSS, "most_asked": MOST_ASKED}
     environment.globals.update(extra)
     environment.filters["without_blank_lines"] = _without_blank_lines
     return environment

@@ -26,8 +26,10 @@ from swim2real.advisor.physics.model import (
     without_outliers,
 )
 from swim2real.objective.figures import FitFigures
+from swim2real.objective.trial import TAIL_FIRST_LOSS
 from swim2real.optimizers import Evaluation, Proposal, Round, Situation
 from swim2real.optimizers.advisor import DECIMALS
+from swim2real.optimizers.local_model import LocalModel
 from swim2real.parameters import ParameterSpace
 from swim2real.robots.robot import Robot
 from swimbase.arrays import Array
@@ -39,6 +41,9 @@ _PROGRESS = 0.02  # by how much a round must lower the loss to count as progress
 _TRUST_START, _TRUST_LEAST, _TRUST_MOST = 0.5, 0.08, 0.7  # half width of the trusted box, in the unit cube
 _GROW, _SHRINK = 1.3, 0.7
 _SAMPLES, _STARTS = 3000, 4
+_ENOUGH = 7  # evaluations that go forward, after which the local model proposes
+_KNOWN, _TRIED = 0.9, 0.25  # share of an effect that counts as known; of the radius, by which an unknown one is tried
+_RADIUS, _LEAST_RADIUS, _MOST_RADIUS, _WIDER, _NARROWER = 0.15, 0.03, 0.4, 1.5, 0.7  # of the local model's steps
 _DIFFERENCE = 1e-4
 _GRAIN = 9  # decimals of an expected loss [m], for the same reason as those of a proposal
 
@@ -46,13 +51,14 @@ _GRAIN = 9  # decimals of an expected loss [m], for the same reason as those of 
 class PhysicsAdvisor:
     """Proposes parameters from measured sensitivities and what the run has shown."""
 
-    def __init__(self, robot: Robot, space: ParameterSpace, seed: int) -> None:
+    def __init__(self, robot: Robot, space: ParameterSpace, seed: int, solves: bool = True) -> None:
         """Prepares the advisor.
 
         Args:
             robot: The robot whose simulator is calibrated.
             space: Parameters as the optimizer uses them, on any scale. The advisor itself uses the logarithmic one.
             seed: Seed of the run.
+            solves: Whether it steps by the local model once the run has shown enough.
 
         Raises:
             ArgumentError: Nobody has measured the robot's response.
@@ -64,6 +70,7 @@ class PhysicsAdvisor:
             )
         self._response, self._space, self._seed = robot.swims.response, space, seed
         self._own = replace(space, scale="log")
+        self.needs_residual = solves
 
     def propose(self, situation: Situation) -> Proposal:
         """The point within its trust that it expects to be best."""
@@ -76,12 +83,37 @@ class PhysicsAdvisor:
             return Proposal(
                 self._back(point), "The simulation diverged.", "A point near the middle of the box is safer.", {}
             )
+        if (solved := self._solved(usable, situation)) is not None:
+            return solved
         expectation = self._expectation(usable, situation.incumbent, situation.rounds)
         point = self._best_point(expectation, here, trust, rng)
         before, after = expectation.losses(np.array([here, point]))
         notes = {"trust": round(trust, 4), "expected_loss": float(after), "expected_loss_here": float(before)}
         reasoning = reason(self._own, here, point, self._gains(expectation, here, point))
         return Proposal(self._back(point), _diagnosis(_figures(situation.incumbent)), reasoning, notes)
+
+    def _solved(self, usable: Sequence[Evaluation], situation: Situation) -> Proposal | None:
+        """The step that the local model proposes, once the run has shown enough; None before.
+
+        Where that promises little, it also changes the parameter of whose effect the least is known.
+        """
+        if not self.needs_residual or sum(bool(one.stages) and one.loss < TAIL_FIRST_LOSS for one in usable) < _ENOUGH:
+            return None
+        model, radius = LocalModel(usable), _solved_radius(situation.rounds)
+        here, names = model.base.candidate.point, self._space.names
+        point = model.solve(radius)
+        notes: dict[str, object] = {"radius": round(radius, 4)}
+        if model.predict(point).loss > (1 - _PROGRESS / 2) * model.base.loss:
+            tried, least = _with_unknown(model, point, _TRIED * radius)
+            if least is not None:
+                point, notes["tried"] = tried, names[least]
+        point = point.round(DECIMALS)
+        alone = np.where(np.eye(len(point), dtype=bool), here, point)
+        expected = model.predict(point)
+        gains = np.array([model.predict(one).loss for one in alone]) - expected.loss
+        notes |= {"expected_loss": expected.loss, "expected_std": expected.std, "known": float(expected.known)}
+        diagnosis = _diagnosis(_figures(situation.incumbent))
+        return Proposal(point, diagnosis, reason(self._space, here, point, gains), notes)
 
     def _point(self, evaluation: Evaluation) -> Array:
         return self._own.to_cube(self._space.to_values(evaluation.candidate.point))
@@ -159,6 +191,29 @@ def trust_radius(rounds: Sequence[Round]) -> float:
             trust *= finished.steps[-1].step_size ** 0.25
         trust = float(np.clip(trust, _TRUST_LEAST, _TRUST_MOST))
     return trust
+
+
+def _with_unknown(model: LocalModel, point: Array, size: float) -> tuple[Array, int | None]:
+    """The point with a change of the parameter of whose effect the least is known, and which, where that is safe."""
+    here, least = model.base.candidate.point, int(np.argmin(model.known))
+    side = np.sign(point[least] - here[least]) or np.sign(0.5 - here[least]) or 1.0
+    tried = point.copy()
+    tried[least] = np.clip(here[least] + side * size, 0.0, 1.0)
+    expected = model.predict(tried)
+    safe = bool(np.all(expected.margins > expected.margin_stds))
+    return (tried, least) if safe and model.known[least] < _KNOWN else (point, None)
+
+
+def _solved_radius(rounds: Sequence[Round]) -> float:
+    """Radius of the local model's steps: it grows and shrinks with their successes."""
+    radius = _RADIUS
+    for finished in rounds:
+        if "radius" in finished.proposal.notes and not finished.accepted:
+            radius *= _NARROWER
+        elif "radius" in finished.proposal.notes and finished.result.loss < (1 - _PROGRESS) * finished.incumbent.loss:
+            radius *= _WIDER
+        radius = min(max(radius, _LEAST_RADIUS), _MOST_RADIUS)
+    return radius
 
 
 def caution(rounds: Sequence[Round]) -> float:

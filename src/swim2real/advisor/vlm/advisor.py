@@ -11,10 +11,12 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from swim2real.advisor.vlm.exchange import Attempt, CallError, Client, Reply, Request
+from swim2real.advisor.vlm.instruments import MOST_ASKED, answers
 from swim2real.advisor.vlm.providers import same_model
 from swim2real.advisor.vlm.reply import ReplyError, parse_reply
 from swim2real.advisor.vlm.transcript import Call, Incumbent, Outcome, Totals, Transcript, totals
 from swim2real.optimizers import Advice, Advisor, Evaluation, Measurement, Situation
+from swim2real.optimizers.advisor import reads_residuals
 from swim2real.parameters import ParameterSpace
 from swim2real.settings import VlmAccess
 from swimbase.errors import AdvisorError, ArgumentError
@@ -50,8 +52,10 @@ class VlmAdvisor:
     """An advisor behind a client, be it a service, a server in the next room or a person with a text editor.
 
     A round without a usable reply costs no evaluation; after three in a row the advisor gives up with an error, and
-    the run can go on later.
+    the run can go on later. Instruments are answered at once, from the residuals of the run's evaluations.
     """
+
+    needs_residual = True
 
     def __init__(
         self, client: Client, question: Callable[[Situation, int], Request], space: ParameterSpace,
@@ -102,7 +106,7 @@ class VlmAdvisor:
     def _ask(self, situation: Situation, earlier: str) -> Call | str:
         """One try of a round: the call whose reply can be used, or why there is none."""
         question = self._question(situation, earlier)
-        request, repairs, level = question, 0, 0
+        request, repairs, level, asked = question, 0, 0, 0
         while True:
             try:
                 reply = self._call(request, situation)
@@ -115,7 +119,19 @@ class VlmAdvisor:
                     raise
                 return str(error)
             try:
-                parse_reply(reply.text, self._space, self._space.to_values(situation.incumbent.candidate.point))
+                here = self._space.to_values(situation.incumbent.candidate.point)
+                parsed = parse_reply(reply.text, self._space, here)
+                if parsed.asks_instruments:
+                    if asked == MOST_ASKED:
+                        raise ReplyError(
+                            f"instruments were asked {MOST_ASKED} times in this turn, which is the most; propose or "
+                            f"measure"
+                        )
+                    asked += 1
+                    said = answers(parsed, situation, self._space)
+                    self._record(request, situation, "asked", None, reply)
+                    request = _follow_up(question, reply.text, said, MOST_ASKED - asked)
+                    continue
             except ReplyError as error:
                 problem = _why_unusable(reply, request, error)
             else:
@@ -209,6 +225,7 @@ class ReplayAdvisor:
             AdvisorError: The transcript is damaged.
         """
         self._transcript, self._space, self._then = transcript, space, then
+        self.needs_residual = reads_residuals(then)
         if then is None and not transcript.calls:
             raise ArgumentError(
                 f"'{transcript.run}' has no calls on record, so there is nothing to replay; give the folder of a run "
@@ -256,6 +273,15 @@ def repair_request(question: Request, reply: str, problem: str, max_tokens: int)
         "saw in them."
     )
     return replace(question, parts=(*texts, ask), max_tokens=max_tokens, problem=problem)
+
+
+def _follow_up(question: Request, reply: str, said: str, left: int) -> Request:
+    """A request that goes on from a reply which asked instruments, without showing the media again."""
+    texts = [part for part in question.parts if isinstance(part, str)]
+    more = f"You may ask instruments {left} more times before you propose." if left else "Now propose or measure."
+    quote = reply if len(reply) <= _LONGEST_QUOTE else reply[:_LONGEST_QUOTE] + " […]"
+    answer = f"Your reply was:\n\n{quote}\n\n{said}\n\n{more} Answer with the whole JSON object."
+    return replace(question, parts=(*texts, answer), answers=f"{said}\n\n{more}")
 
 
 def _turn_of(situation: Situation) -> int:

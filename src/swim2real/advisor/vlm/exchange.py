@@ -51,6 +51,7 @@ class Request:
         round: Round of the run, from 1 on.
         turn: Turn within the round: 1, and one more after each probe.
         problem: Why an earlier reply can't be used, which this request asks to repair; empty for a question.
+        answers: What the instruments say that the last reply asked; empty for a question.
     """
 
     instructions: str
@@ -61,6 +62,7 @@ class Request:
     round: int = 1
     turn: int = 1
     problem: str = ""
+    answers: str = ""
 
     @property
     def is_repair(self) -> bool:

@@ -15,6 +15,7 @@ from swimbase.escaping import plain_markdown
 from swimbase.store import MOST_TEXT, read_bytes, write_bytes, write_json, write_text, writing
 
 BRIEFING, SCHEMA, REPLY, PROBLEM = "briefing.md", "reply.schema.json", "reply.json", "reply.problem.txt"
+INSTRUMENTS = "instruments.md"
 _POLL = 0.5  # s
 
 HOW_TO = f"""\
@@ -66,9 +67,12 @@ class FilesClient:
         with writing(folder, AdvisorError, "make room or allow writing, --resume goes on"):
             if request.is_repair:
                 write_text(folder / PROBLEM, f"{request.problem}\n")
+            elif request.answers:
+                write_text(folder / INSTRUMENTS, f"{request.answers}\n")
             else:
                 self._unusable = ""
-                self._write_briefing(folder, request)
+                if not ((folder / REPLY).is_file() and (folder / BRIEFING).is_file()):  # what is answered stays
+                    self._write_briefing(folder, request)
             try:
                 text = self._wait(folder, request)
             except ValueError as error:
@@ -103,12 +107,15 @@ class FilesClient:
             if text.strip() and text != self._unusable and (text == before or self._once):
                 return text
             if self._once:
-                what = f"'{folder / PROBLEM}' says what is wrong with" if request.is_repair else "leave the reply as"
+                page, what = folder / (INSTRUMENTS if request.answers else BRIEFING), "leave the reply as"
+                if request.is_repair:
+                    what = f"'{folder / PROBLEM}' says what is wrong with"
                 raise WaitingForReply(
-                    f"round {request.round} waits: read '{folder / BRIEFING}'; {what} '{path}'; then --resume goes on"
+                    f"round {request.round} waits: read '{page}'; {what} '{path}'; then --resume goes on"
                 )
             if not announced:
                 announced = True
-                self._on_wait(f"'{folder / BRIEFING}' waits for '{path}'", request.round)
+                page = folder / (INSTRUMENTS if request.answers else BRIEFING)
+                self._on_wait(f"'{page}' waits for '{path}'", request.round)
             before = text
             time.sleep(_POLL)

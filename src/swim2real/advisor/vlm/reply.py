@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Annotated, Any
 
@@ -46,6 +46,10 @@ class _ParsedReply:
         measure: Parameters that are to be measured, each alone.
         step_sizes: Shares of the way at which it is to be tried, in order.
         alternatives: What to try where it is rejected, in order.
+        predict: Whether these values are only to be predicted.
+        solve: Parameters along which a step is to be solved.
+        radius: By how much each of them may change, as a share of its range; None for the model's own.
+        effects: Whether the effects of all parameters are asked for.
     """
 
     values: dict[str, float]
@@ -58,6 +62,15 @@ class _ParsedReply:
     measure: tuple[str, ...] = ()
     step_sizes: tuple[float, ...] = ()
     alternatives: tuple[_ParsedReply, ...] = ()
+    predict: bool = False
+    solve: tuple[str, ...] = ()
+    radius: float | None = None
+    effects: bool = False
+
+    @property
+    def asks_instruments(self) -> bool:
+        """True if something is asked that is answered without an evaluation, before all else."""
+        return bool(self.predict or self.solve or self.effects)
 
     def notes(self) -> dict[str, object]:
         """Corrections made without asking again, ready for JSON."""
@@ -108,6 +121,10 @@ class _Answer(_Try):
     diagnosis: Text = ""
     probe: bool | None = False
     measure: list[str] | None = None
+    predict: bool | None = False
+    solve: list[str] | None = None
+    radius: Annotated[float, Field(gt=0, le=1, strict=False)] | None = None
+    effects: bool | None = False
     alternatives: Annotated[list[_Try], Field(max_length=_MOST_TRIES)] | None = None
 
 
@@ -134,6 +151,13 @@ def reply_schema(space: ParameterSpace, bounds: bool = False, several: bool = Fa
             "items": {"type": "string"},
             "description": "parameters to measure, each changed alone, before anything is proposed; mostly empty",
         },
+        "predict": {"type": "boolean", "description": "true: only predict these values, at no cost"},
+        "solve": {
+            "type": "array",
+            "items": {"type": "string"},
+            "description": "parameters along which a step is solved, at no cost; ['all'] for all; mostly empty",
+        },
+        "effects": {"type": "boolean", "description": "true: show the effects that this run has shown, at no cost"},
     }
     if several:
         properties["step_sizes"] = steps
@@ -171,14 +195,28 @@ def parse_reply(text: str, space: ParameterSpace, current: Mapping[str, float]) 
     except ValidationError as error:
         raise ReplyError(_listed([explained(detail) for detail in error.errors(include_url=False)])) from None
     texts = _cleaned(answer.diagnosis), _cleaned(answer.reasoning)
-    if answer.measure:
-        measure = tuple(dict.fromkeys(answer.measure))
-        for name in measure:
-            if name not in space.names:
-                raise ReplyError(f"'measure' names no parameter of the simulator: {unknown_name(name, space.names)}")
-        return _ParsedReply(dict(current), *texts, measure=measure)
+    predict, effects = bool(answer.predict), bool(answer.effects)
+    solve = _names(answer.solve or [], space, "solve")
+    if not predict and (solve or effects):
+        return _ParsedReply(dict(current), *texts, solve=solve, radius=answer.radius, effects=effects)
+    if not predict and answer.measure:
+        return _ParsedReply(dict(current), *texts, measure=_names(answer.measure, space, "measure"))
     others = tuple(_tried(one, ("", _cleaned(one.reasoning)), space, current) for one in answer.alternatives or ())
-    return replace(_tried(answer, texts, space, current), probe=bool(answer.probe), alternatives=others)
+    proposed = replace(_tried(answer, texts, space, current), probe=bool(answer.probe), alternatives=others)
+    return replace(proposed, predict=predict, solve=solve, radius=answer.radius, effects=effects)
+
+
+def _names(given: Sequence[str], space: ParameterSpace, field_name: str) -> tuple[str, ...]:
+    """Parameters that a list names, each once; `all` stands for all.
+
+    Raises:
+        ReplyError: One isn't a parameter.
+    """
+    names = tuple(dict.fromkeys(space.names if "all" in given and "all" not in space.names else given))
+    for name in names:
+        if name not in space.names:
+            raise ReplyError(f"'{field_name}' names no parameter of the simulator: {unknown_name(name, space.names)}")
+    return names
 
 
 def _tried(answer: _Try, texts: tuple[str, str], space: ParameterSpace, current: Mapping[str, float]) -> _ParsedReply:
@@ -228,7 +266,7 @@ def _json_object(text: str) -> dict[str, object]:
             problem = problem or (str(error) if isinstance(error, ValueError) else "it is nested too deeply")
             at += 1
         at = text.find("{", at)
-    usable = [content for content in objects if "parameters" in content or "measure" in content]
+    usable = [content for content in objects if content.keys() & {"parameters", "measure", "solve", "effects"}]
     if usable:
         return usable[-1]
     if "{" not in text:

@@ -21,7 +21,7 @@ from swimbase.store import write_bytes, write_json, writing
 
 CALLS = "advisor"  # folder of a run
 MEDIA = "media"
-Outcome = Literal["used", "unusable", "failed"]
+Outcome = Literal["used", "asked", "unusable", "failed"]
 
 _MOST_CALLS = 1_000_000  # calls or rounds; more is an error
 _MEDIA_PATH = re.compile(rf"{MEDIA}/\w+\.\w+")
@@ -95,8 +95,8 @@ class Call:
         round: Round that it belongs to.
         is_repair: Whether it asked to repair an earlier reply.
         advisor: Name of the advisor that was asked.
-        outcome: `used` where a proposal was made of the reply, `unusable` where it asked for a repair, `failed` where
-            there was no reply.
+        outcome: `used` where a proposal was made of the reply, `asked` where it asked instruments, `unusable` where it
+            asked for a repair, `failed` where there was no reply.
         problem: Why it wasn't used, in a sentence.
         incumbent: Evaluation that the round began with.
         reply: Reply, None when there was none.

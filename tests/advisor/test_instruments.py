@@ -1,0 +1,153 @@
+"""Instruments that a reply asks: answered at once from what the run has evaluated, bounded, and on record."""
+
+import json
+
+import numpy as np
+import pytest
+
+from swim2real.advisor.vlm.advisor import VlmAdvisor
+from swim2real.advisor.vlm.client import ModelClient
+from swim2real.advisor.vlm.exchange import Request
+from swim2real.advisor.vlm.files import FilesClient
+from swim2real.advisor.vlm.instruments import MOST_ASKED, answers
+from swim2real.advisor.vlm.reply import ReplyError, parse_reply, reply_schema
+from swim2real.advisor.vlm.transcript import Transcript
+from swim2real.optimizers import Candidate, Evaluation, Measurement, Situation
+from swim2real.parameters import Parameter, ParameterSpace
+from swim2real.settings import VlmAccess
+from swimbase.errors import WaitingForReply
+from vlm_server import replies
+
+SPACE = ParameterSpace(
+    (
+        Parameter("drag", "-", 0.0, 10.0, "slows it", 1.0, log_offset=0.1),
+        Parameter("arm", "m", 0.01, 0.06, "bends it", 0.04),
+        Parameter("mass", "kg", 0.1, 1.0, "loads it", 0.5),
+    )
+)
+LOWEST = np.array([0.45, 0.62, 0.5])
+SLOPES = np.random.default_rng(0).standard_normal((3, 30)) * 0.01
+
+
+def evaluation(*point: float) -> Evaluation:
+    residual = 1e-3 + (np.array(point) - LOWEST) @ SLOPES
+    length = float(np.linalg.norm(residual))
+    stage = (residual, np.full(30, length**-0.5))
+    return Evaluation(Candidate(np.array(point)), length, stages=(stage,) * 4, margins=np.array([0.05, point[0] - 0.2]))
+
+
+def situation() -> Situation:
+    """A run in which nobody has moved the mass."""
+    first = evaluation(0.5, 0.5, 0.5)
+    made = [(0.55, 0.5), (0.5, 0.55), (0.52, 0.47), (0.47, 0.53), (0.49, 0.56)]
+    others = tuple(evaluation(*point, 0.5) for point in made)
+    best = min((first, *others), key=lambda one: one.loss)
+    return Situation(best, (), first, others)
+
+
+def parsed(now: Situation, **content):
+    return parse_reply(json.dumps(content), SPACE, SPACE.to_values(now.incumbent.candidate.point))
+
+
+def good(**others) -> str:
+    return json.dumps({"diagnosis": "too slow", "reasoning": "less drag", "parameters": {"drag": 2.0}, **others})
+
+
+def question(situation: Situation, level: int) -> Request:
+    return Request("Say what differs.", ("the loss",), reply_schema(SPACE), 2000)
+
+
+def test_a_prediction_says_the_loss_the_first_beats_and_what_nobody_tried():
+    now = situation()
+    values = SPACE.to_values(np.array([0.48, 0.58, 0.5]))
+    text = answers(parsed(now, parameters=values, predict=True), now, SPACE)
+    assert f"a loss of {1e3 * evaluation(0.48, 0.58, 0.5).loss:.1f} mm" in text
+    assert "first beats" in text
+    assert "standard deviations" in text
+    assert "Nobody has tried" not in text
+    text = answers(parsed(now, parameters={"mass": 0.9}, predict=True), now, SPACE)
+    assert "Nobody has tried mass" in text
+
+
+def test_values_out_of_bounds_are_predicted_at_the_bound():
+    now = situation()
+    outside = parsed(now, parameters={"drag": 99.0}, predict=True)
+    assert outside.clipped == {"drag": 99.0}
+    at_bound = parsed(now, parameters={"drag": 10.0}, predict=True)
+    assert answers(outside, now, SPACE) == answers(at_bound, now, SPACE)
+
+
+def test_a_step_is_solved_along_the_names_and_says_its_values():
+    now = situation()
+    text = answers(parsed(now, solve=["drag"], radius=0.05), now, SPACE)
+    assert "drag" in text
+    assert "arm 0" not in text
+    assert "at most 0.05 of each range" in text
+    text = answers(parsed(now, solve=["all"]), now, SPACE)
+    assert "drag" in text
+    assert "arm" in text
+    assert "Expected: a loss of" in text
+
+
+def test_a_step_along_what_nobody_moved_says_what_it_costs_to_know():
+    text = answers(parsed(situation(), solve=["mass"]), situation(), SPACE)
+    assert "nobody has moved mass" in text
+    assert "evaluation" in text
+
+
+def test_effects_show_only_what_is_known():
+    text = answers(parsed(situation(), effects=True), situation(), SPACE)
+    assert "| drag |" in text
+    assert "| arm |" in text
+    assert "| mass |" not in text
+    assert "Not known: mass" in text
+
+
+def test_without_two_evaluations_there_is_no_model_and_it_says_so():
+    first = evaluation(0.5, 0.5, 0.5)
+    now = Situation(first, (), first)
+    assert "no local model yet" in answers(parsed(now, effects=True), now, SPACE)
+
+
+def test_a_model_that_was_wrong_three_times_says_so_and_shrinks_its_steps():
+    now = situation()
+    wrong = [Evaluation(one.candidate, one.loss + 0.2, stages=one.stages, margins=one.margins) for one in
+             (evaluation(0.51, 0.51, 0.5), evaluation(0.49, 0.52, 0.5), evaluation(0.52, 0.5, 0.5))]  # fmt: skip
+    later = Situation(now.incumbent, (), now.first, (*now.measurements, *wrong))
+    text = answers(parsed(later, solve=["all"], radius=0.1), later, SPACE)
+    assert "wrong three times running" in text
+    assert "at most 0.05 of each range" in text
+
+
+def test_a_name_that_is_no_parameter_is_refused():
+    with pytest.raises(ReplyError, match=r"'solve' names no parameter.*drga.*drag"):
+        parsed(situation(), solve=["drga"])
+
+
+def test_a_reply_that_asks_for_ever_is_bounded_and_all_is_on_record(vlm, tmp_path):
+    vlm.script(*[replies(json.dumps({"effects": True}))] * (MOST_ASKED + 1), replies(good()))
+    access = VlmAccess(vlm.url("openai"), timeout=20.0)
+    client = ModelClient("openai:some-model", access, sleep=lambda seconds: None)
+    advice = VlmAdvisor(client, question, SPACE, Transcript(tmp_path), access).propose(situation())
+    assert SPACE.to_values(advice.point)["drag"] == pytest.approx(2.0)
+    outcomes = [call.outcome for call in Transcript(tmp_path).calls]
+    assert outcomes == ["asked"] * MOST_ASKED + ["unusable", "used"]
+    assert "instruments" in str(Transcript(tmp_path).calls[MOST_ASKED].problem)
+
+
+def test_by_files_the_answer_stands_beside_the_reply_and_the_question_stays_as_it_was(tmp_path):
+    def ask():
+        client = FilesClient(tmp_path, {}, once=True)
+        return VlmAdvisor(client, question, SPACE, Transcript(tmp_path), repairs=None).propose(situation())
+
+    folder = tmp_path / "advisor" / "round_001"
+    with pytest.raises(WaitingForReply, match=r"briefing\.md"):
+        ask()
+    briefing = (folder / "briefing.md").stat().st_mtime_ns
+    (folder / "reply.json").write_text(json.dumps({"solve": ["drag", "arm"]}))
+    with pytest.raises(WaitingForReply, match=r"instruments\.md"):
+        ask()
+    assert "**solve**" in (folder / "instruments.md").read_text()
+    (folder / "reply.json").write_text(good(probe=True))
+    assert isinstance(ask(), Measurement)
+    assert (folder / "briefing.md").stat().st_mtime_ns == briefing

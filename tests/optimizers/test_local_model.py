@@ -1,0 +1,99 @@
+"""The local model on residuals that are known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from swim2real.optimizers import Candidate, Evaluation
+from swim2real.optimizers.contract import cube_point
+from swim2real.optimizers.local_model import LocalModel
+from swimbase.errors import OptimizerError
+
+LOWEST = np.array([0.3, 0.6, 0.5, 0.4])
+SLOPES = np.random.default_rng(1).standard_normal((4, 60)) * 0.02
+
+
+def evaluate(point, bend=0.0, turning=None):
+    """A residual that is linear but for its bend; a trial turns where the margin, which falls with x0, is below 0."""
+    away = np.asarray(point) - LOWEST
+    residual = 0.001 + away @ SLOPES + bend * np.square(away).sum() * SLOPES[0]
+    margin = np.array([0.1]) if turning is None else np.array([turning - point[0]])
+    length = float(np.linalg.norm(residual))
+    stage = (residual, np.full_like(residual, length**-0.5))  # whose squares add up to the length
+    loss = length + (0.5 if margin[0] < 0 else 0.0)
+    return Evaluation(Candidate(cube_point(point)), loss, stages=(stage,) * 4, margins=margin)
+
+
+def around(center, count, rng, size=0.05, **how):
+    points = np.clip(np.asarray(center) + size * rng.standard_normal((count, 4)), 0, 1)
+    return [evaluate(point, **how) for point in points]
+
+
+def test_a_linear_residual_is_predicted_and_solved_exactly():
+    evaluations = around([0.5, 0.5, 0.5, 0.5], 8, np.random.default_rng(0))
+    model = LocalModel(evaluations)
+    expected = model.predict(LOWEST)
+    assert expected.known > 0.99
+    assert np.allclose(model.known, 1.0, atol=0.01)
+    solved = model.solve(0.5)
+    assert evaluate(solved).loss <= evaluate(LOWEST).loss
+    assert model.predict(solved).loss < model.base.loss
+
+
+def test_what_nobody_tried_is_unknown_and_left_alone():
+    rng = np.random.default_rng(0)
+    evaluations = [evaluate([*(0.5 + 0.05 * rng.standard_normal(3)), 0.5]) for _ in range(8)]
+    model = LocalModel(evaluations)
+    assert model.known[3] == pytest.approx(0.0, abs=1e-6)
+    assert model.solve(0.3)[3] == pytest.approx(0.5, abs=1e-6)
+    here = model.base.candidate.point
+    tried = model.predict(here + np.array([0, 0, 0, 0.2]))
+    assert tried.known < 0.1
+    assert tried.std > 10 * model.predict(here + np.array([0.01, 0, 0, 0])).std
+
+
+def test_a_step_keeps_to_its_names_and_its_radius():
+    model = LocalModel(around([0.5, 0.5, 0.5, 0.5], 8, np.random.default_rng(0)))
+    here = model.base.candidate.point
+    step = model.solve(0.02, np.array([True, False, True, False])) - here
+    assert np.all(step[[1, 3]] == 0)
+    assert np.abs(step).max() <= 0.02 + 1e-12
+    assert np.abs(step).max() > 0.01
+
+
+def test_a_step_keeps_the_margin_of_the_first_beats():
+    center = LOWEST - np.array([0.2, 0, 0, 0])
+    evaluations = around(center, 10, np.random.default_rng(0), turning=0.25)
+    model = LocalModel(evaluations)
+    free, solved = LocalModel(around(center, 10, np.random.default_rng(0))).solve(0.5), model.solve(0.5)
+    assert evaluate(free, turning=0.25).loss > 0.5  # without the margin it goes over the edge
+    assert evaluate(solved, turning=0.25).loss < model.base.loss
+    assert evaluate(solved, turning=0.25).margins[0] > 0.3 * model.base.margins[0]
+
+
+def test_the_uncertainty_covers_what_bends():
+    rng = np.random.default_rng(2)
+    evaluations = around([0.5, 0.5, 0.5, 0.5], 14, rng, size=0.08, bend=1.5)
+    model = LocalModel(evaluations)
+    tried = [model.base.candidate.point + 0.06 * rng.standard_normal(4) for _ in range(60)]
+    within = [
+        abs(evaluate(point, bend=1.5).loss - model.predict(point).loss) <= 2 * model.predict(point).std
+        for point in tried
+    ]
+    assert np.mean(within) > 0.7
+
+
+def test_failed_and_turned_evaluations_are_left_out():
+    evaluations = around([0.2, 0.5, 0.5, 0.5], 8, np.random.default_rng(0), turning=0.4)
+    failed = Evaluation(Candidate(cube_point([0.9, 0.9, 0.9, 0.9])), 1.0, failed=True)
+    turned = evaluate([0.6, 0.5, 0.5, 0.5], turning=0.4)
+    with_both, without = LocalModel([*evaluations, failed, turned]), LocalModel(evaluations)
+    point = np.array([0.22, 0.55, 0.5, 0.5])
+    assert with_both.forward
+    assert with_both.predict(point).loss == without.predict(point).loss
+
+
+def test_a_model_needs_two_evaluations():
+    with pytest.raises(OptimizerError, match="two evaluations"):
+        LocalModel([evaluate(LOWEST)])
