@@ -100,8 +100,8 @@ def test_sensitivities_tell_parameters_apart(problem):
     found = {one.name: one for one in sensitivities(problem, space, values)}
     assert list(found) == list(small_run.FREE)
     arm, damping = found["motor_arm_length"], found["hinge_damping_0"]
-    assert arm.verdict == "identified"
     assert arm.lower is not None
+    assert max(abs(arm.lower), abs(arm.upper or 0.0)) > 2e-3
     assert arm.speed > 0  # a longer arm bends the tail farther
     assert damping.lower is None  # at its bound
     assert damping.upper is not None

@@ -193,11 +193,11 @@ def sensitivities(found: Sequence[Sensitivity]) -> None:
     """Prints each parameter's effect on the loss."""
     table(
         "Effect on the loss of a tenth of a parameter's range [mm]",
-        ("parameter", "down", "up", "speed", "verdict"),
+        ("parameter", "down", "up", "speed"),
         [
             (
                 s.name, millimeters(s.lower), millimeters(s.upper),
-                "–" if s.speed is None else f"{100 * s.speed:+.1f} %", s.verdict,
+                "–" if s.speed is None else f"{100 * s.speed:+.1f} %",
             )
             for s in found
         ],
