@@ -13,7 +13,7 @@ import sys
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
@@ -70,6 +70,8 @@ class Progress:
         ends: Losses at which descents from independent starts ended [m].
         gained: Share by which the last quarter of the evaluations, those on record included, lowered the best loss:
             about what the next as many may gain.
+        error: Error of the best parameters so far, as pages show it [m]; None while every simulation diverged.
+        values: Best parameters so far, by name.
     """
 
     done: int
@@ -82,6 +84,8 @@ class Progress:
     replayed: bool
     ends: Sequence[float] = ()
     gained: float = 1.0
+    error: float | None = None
+    values: Values = field(default_factory=dict[str, float])
 
 
 def minimize(
@@ -162,9 +166,12 @@ def minimize(
         quarter = lowest[3 * len(lowest) // 4 - 1]
         gained = (quarter - best.loss) / max(quarter, 1e-300) if index else 1.0
         seconds = pace * min(left) if left else None
-        progress = Progress(index + 1, budget, entry.loss, best.loss, candidate.note, improved, seconds, replayed)
+        progress = Progress(
+            index + 1, budget, entry.loss, best.loss, candidate.note, improved, seconds, replayed, optimizer.ends,
+            gained, best.evidence.error, best.values,
+        )  # fmt: skip
         try:
-            on_progress(replace(progress, ends=optimizer.ends, gained=gained))
+            on_progress(progress)
         except KeyboardInterrupt:
             if replayed:  # nothing is new
                 raise

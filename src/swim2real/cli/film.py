@@ -161,7 +161,7 @@ def track(
     reports = {result.name: result.report for result in results if isinstance(result, TrackedVideo)}
     if json:
         say_json({name: report.model_dump() for name, report in reports.items()})
-    elif not quiet and reports:
+    elif reports:
         _print_tracked(reports, body)
         run = f"swim2real calibrate {word(to)} --out RUN{for_robot(robot)}"
         if missing := _tables_of(body, count, [trial for trial in load_reference(to) if trial.name in reports]):

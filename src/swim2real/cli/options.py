@@ -63,7 +63,8 @@ Threads = Annotated[int, arg(help="Simulations in parallel; 0 for all cores. Res
 Resume = Annotated[bool, arg(help="Continue what is in --out.")]
 Anyway = Annotated[bool, arg(help="Go on even with a run that isn't usable.")]
 Json = Annotated[bool, arg(help="Print the result as JSON, in SI units.")]
-Quiet = Annotated[bool, arg(help="Print no progress.")]
+Quiet = Annotated[bool, arg(help="Print the result, but no progress.")]
+Verbose = Annotated[bool, arg(help="Also print every figure of every trial, as on the page.")]
 
 
 def word(path: str | Path) -> str:

@@ -79,6 +79,11 @@ def parameter_rows(run: ReportedRun) -> tuple[ParameterRow, ...]:
     )
 
 
+def interval_name(run: ReportedRun) -> str:
+    """Name of the intervals of `parameter_rows`; empty where they aren't known."""
+    return "95 % interval" if run.studied is not None else "fits about as well" if run.of_best.ranges else ""
+
+
 def _known(run: ReportedRun, name: str) -> tuple[tuple[float, float] | None, Known | None]:
     """The interval of a parameter, and how well it is known."""
     if run.studied is not None:
