@@ -19,6 +19,7 @@ from pools import NAMES
 from run_settings import record_of as record
 from swim2real.calibration import RunFolder
 from swim2real.cli import main
+from swim2real.cli.first_screen import EVERYDAY, LINES
 from swim2real.robots.fish import FISH
 from swim2real.simulation import Engine
 from swimbase.errors import TrialError
@@ -268,3 +269,16 @@ def test_report_writes_pages_again(program, run, tmp_path):
     assert program("report", *runs).done().out.split() == [str(one / "report.html") for one in runs]
     page = runs[1] / "report.html"
     assert not re.search(r"<(script|link|img|iframe)[^>]*\s(src|href)\s*=\s*[\"']?(https?:)?//", page.read_text())
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_the_first_screen_of_a_help_has_what_is_needed_and_names_the_rest(command, program):
+    lines = program(command, "--help").done().out.splitlines()
+    assert len(lines) <= LINES
+    whole = program(command, "--help-all").done().out
+    shown = set(re.findall(r"--[a-z][\w-]+", " ".join(lines)))
+    explained = re.findall(r"^  (--[a-z][\w-]+)", whole, re.MULTILINE)
+    assert set(explained) - {"--parameters"} <= shown  # another name of --robot
+    assert set(EVERYDAY.get(command, "").split()) <= {*explained, "--robot"}
+    assert f"swim2real {command} --help-all" in lines[-1]
+    assert "--allow-code" in whole

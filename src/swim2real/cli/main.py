@@ -25,6 +25,7 @@ from swim2real.cli.board import board
 from swim2real.cli.calibrate import calibrate, demo
 from swim2real.cli.compare import compare
 from swim2real.cli.film import cut, fetch, import_tracks, pick, quality, track
+from swim2real.cli.first_screen import captured, first_screen
 from swim2real.cli.policy import export_commands, rollout, train
 from swim2real.cli.recording import import_recording
 from swim2real.cli.results import evaluate, overlay, report, simulate
@@ -139,13 +140,15 @@ def parsed(words: list[str]) -> Callable[[], int]:
         hint = f"; did you mean {' or '.join(map(repr, near))}?" if near else "."
         raise ArgumentError(f"there is no command '{name}'{hint} There are {', '.join(commands)}")
     flags = (tyro.conf.OmitArgPrefixes, tyro.conf.FlagCreatePairsOff, tyro.conf.DisallowNone)
-    try:
-        work: Any = tyro.cli(_deferred(commands[name]), prog=f"swim2real {name}", args=rest, config=flags)
-    except SystemExit as ended:
-        if not ended.code:
-            say(EVERYWHERE)
-        raise
-    return work
+
+    def read(given: Sequence[str]) -> Any:
+        return tyro.cli(_deferred(commands[name]), prog=f"swim2real {name}", args=given, config=flags)
+
+    if "--help-all" in rest:
+        return lambda: say(f"{captured(lambda: read(['--help']))}{EVERYWHERE}") or 0
+    if {"-h", "--help"} & set(rest):
+        return lambda: say(first_screen(name, captured(lambda: read(["--help"])))) or 0
+    return read(rest)
 
 
 def overview() -> str:
@@ -164,7 +167,7 @@ def overview() -> str:
         for name, command in group.items():
             lines.append(f"  {name:<{width}}  {(command.__doc__ or '').strip().splitlines()[0]}")
     ends = (
-        "swim2real COMMAND --help explains a command.",
+        "swim2real COMMAND --help explains a command, --help-all all of its options.",
         "--version prints the version.",
         EVERYWHERE,
     )

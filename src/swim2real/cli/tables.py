@@ -129,8 +129,10 @@ def _list(cells: Sequence[Sequence[str]]) -> None:
     for first, *others in rows:
         numbers = ", ".join(f"{header} {cell}" for header, cell in zip(headers[1:], others, strict=True) if cell)
         text = f"{' '.join(first.split())}: {numbers}"
-        how = {"subsequent_indent": "  ", "break_long_words": False, "break_on_hyphens": False}
-        for line in textwrap.wrap(text, console.width, **how):
+        wrapped = textwrap.wrap(
+            text, console.width, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False
+        )
+        for line in wrapped:
             console.print(Text(line), soft_wrap=True)
 
 
