@@ -85,6 +85,7 @@ def first_screen(name: str, whole: str) -> str:
 def _explained(item: str, text: str, most: int) -> list[str]:
     """An option with as many whole sentences of its help as so many lines hold, the first one at least."""
     sentences = re.split(r"(?<=[.)]) (?=[A-Z(`]|\w+:)", text)
+    lines = [""]
     for count in range(len(sentences), 0, -1):
         lines = textwrap.wrap(" ".join(sentences[:count]), _WIDTH - _INDENT, break_on_hyphens=False)
         if len(lines) <= min(most, 2):

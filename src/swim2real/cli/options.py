@@ -27,8 +27,8 @@ CalibratedRobot = Annotated[
     arg(
         aliases=["--parameters"],
         help="What is calibrated: your robot's FILE.toml, which `swim2real init` writes, or a fish. fish: the paper's "
-        "16 parameters. fish-extended: two more, for the water that the hull accelerates and for damping at the surface. "
-        "fish-rolling: twelve more, for a hull that floats and rolls.",
+        "16 parameters. fish-extended: two more, for the water that the hull accelerates and for damping at the "
+        "surface. fish-rolling: twelve more, for a hull that floats and rolls.",
     ),
 ]
 RobotOfMarkers = Annotated[str, arg(help="Robot whose markers they are: fish, or a robot file (.toml).")]
