@@ -282,3 +282,20 @@ def test_the_first_screen_of_a_help_has_what_is_needed_and_names_the_rest(comman
     assert set(EVERYDAY.get(command, "").split()) <= {*explained, "--robot"}
     assert f"swim2real {command} --help-all" in lines[-1]
     assert "--allow-code" in whole
+
+
+def test_options_in_a_file_are_those_of_the_line_which_wins(program, calibration, tmp_path):
+    file = tmp_path / "run.toml"
+    file.write_text('method = "random"\nbudget = 2\nhorizon = 0.5\nhold_out = ["b"]\nquiet = true\nseed = 3\n')
+    program(*calibration, "--config", file, "--out", tmp_path / "run", "--seed", 4).done()
+    settings = RunFolder(tmp_path / "run").settings()
+    assert (settings.method, settings.budget, settings.horizon, settings.hold_out, settings.seed) == (
+        "random", 2, 0.5, ("b",), 4,
+    )  # fmt: skip
+    assert program.err == ""
+    program(*calibration, "--config", tmp_path / "run" / "settings.json", "--out", tmp_path / "again").done()
+    assert not settings.difference(RunFolder(tmp_path / "again").settings())
+    for text, said in (("seed = [", "can't be read"), ("[a]\nb = 1", "has a table 'a'")):
+        file.write_text(text)
+        assert said in program(*calibration, "--config", file, "--out", tmp_path / "x").sentence(2)
+    assert "--config has no value" in program(*calibration, "--config").sentence(2)

@@ -15,7 +15,7 @@ from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,7 +30,7 @@ from swim2real.parameters import ParameterSpace, Values, write_parameters
 from swimbase.errors import RunError
 from swimbase.store import writing
 
-Ending = Literal["done", "most", "budget", "minutes", "interrupted"]
+Ending = Literal["done", "most", "budget", "minutes", "stopped", "interrupted"]
 
 _PRIOR = 0.01  # of the first residual's length: what the way over a parameter's whole range adds
 
@@ -52,6 +52,10 @@ class Search:
     made: int = 0
     ends: Sequence[float] = ()
     seconds: float | None = None
+
+
+class StoppedError(Exception):
+    """The wish of a callback that a search ends now and is concluded."""
 
 
 @dataclass(frozen=True)
@@ -87,6 +91,10 @@ class Progress:
     error: float | None = None
     values: Values = field(default_factory=dict[str, float])
 
+    def stop(self) -> NoReturn:
+        """Ends the search after this evaluation; the run is concluded, and can be resumed."""
+        raise StoppedError
+
 
 def minimize(
     problem: Problem, space: ParameterSpace, optimizer: Optimizer, budget: int | None, folder: RunFolder,
@@ -101,7 +109,7 @@ def minimize(
         optimizer: Fresh: recorded evaluations are replayed into it.
         budget: Most simulation evaluations, those on record included; None for any number.
         folder: Locked by the caller, with settings written.
-        on_progress: Called after every evaluation. Its KeyboardInterrupt ends the run.
+        on_progress: Called after every evaluation. Its KeyboardInterrupt, or `Progress.stop`, ends the run.
         prior: Point of the unit cube that undetermined parameters stay near; least squares gets the distance as extra
             residuals, a whole range as a hundredth of the first residual. Losses don't contain it. Shape (d,).
         minutes: Longest search from its first evaluation that isn't on record; None for any.
@@ -119,6 +127,7 @@ def minimize(
     best: RecordedEvaluation | None = None
     started, fresh, pace = time.monotonic(), 0, 0.0
     ending: Ending = "budget"
+    stopped = False
     lowest: list[float] = []
     recorded, scale, ahead = folder.record(), None, _Ahead(problem, space, optimizer)
     most = sys.maxsize if budget is None else max(budget, len(recorded))
@@ -126,6 +135,9 @@ def minimize(
         replayed = index < len(recorded)
         if index == len(recorded):
             started = time.monotonic()
+        if not replayed and stopped:
+            ending = "stopped"
+            break
         if not replayed and (ended := _ended(optimizer, index, budget, started, minutes)):
             ending = ended
             break
@@ -172,6 +184,8 @@ def minimize(
         )  # fmt: skip
         try:
             on_progress(progress)
+        except StoppedError:
+            stopped = True
         except KeyboardInterrupt:
             if replayed:  # nothing is new
                 raise
