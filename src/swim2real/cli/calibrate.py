@@ -28,7 +28,6 @@ _DECISIVE = (  # settings that a run goes on with
     "protocol", "start", "horizon", "pieces", "advisor", "seed", "first", "starts", "scale", "max_steps", "probes",
     "hold_out",
 )  # fmt: skip
-MOST_LINES = 10  # on lost tracks, before they are reported in a line per trial
 
 
 def calibrate(
@@ -259,14 +258,6 @@ def _print_figures(outcome: Outcome, sensors: Sequence[Sensor]) -> None:
     """Prints all that is known of each trial."""
     from swim2real.cli import tables
 
-    lost = {name: trial for name, trial in outcome.trials.items() if not trial.usable}
-    lines = [(name, line) for name, trial in lost.items() for line in trial.findings]
-    if len(lines) > MOST_LINES:
-        title = "Lost tracks (left out by weights): frames for which each marker is lost [%]"
-        rows = [((name,), trial.lost_share, ()) for name, trial in lost.items()]
-        tables.by_marker(title, outcome.marker_names, ("trial",), (), rows, tables.percent)
-    elif lines:
-        tables.table("Lost tracks (left out by weights)", ("trial", "finding"), lines)
     tables.figures(outcome.fit, "Fitted trials", sensors)
     if outcome.held_out is not None:
         tables.figures(outcome.held_out, "Held-out trials", sensors)
