@@ -1,5 +1,5 @@
 import json
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
@@ -113,7 +113,7 @@ def test_sensitivities_tell_parameters_apart(problem):
         problem.evaluate(space.to_values(point)).loss - problem.evaluate(space.to_values(space.to_cube(values))).loss
     )
     assert arm.upper == pytest.approx(by_hand, rel=1e-9)
-    assert json.dumps([one.as_dict() for one in found.values()], allow_nan=False)
+    assert json.dumps([asdict(one) for one in found.values()], allow_nan=False)
 
 
 def test_a_reference_has_a_fingerprint_of_all_that_matters(reference):
