@@ -45,7 +45,7 @@ from swim2real.cli.main import COMMANDS, EVERYWHERE, main
 def help_of(name):
     text = io.StringIO()
     with contextlib.redirect_stdout(text), contextlib.suppress(SystemExit):
-        main([name, "--help"])
+        main([name, "--help-all"])
     return text.getvalue().replace(EVERYWHERE, "")  # said once, at the top of the page
 
 json.dump({title: {name: help_of(name) for name in group} for title, group in COMMANDS.items()}, sys.stdout)

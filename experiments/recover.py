@@ -58,7 +58,8 @@ def main():
         )
         for effect, distance in zip(outcome.sensitivity or (), off, strict=True):
             off_by = f"off by {100 * distance:3.0f} % of its range"
-            print(f"    {effect.name:24s} {off_by}, {effect.verdict}", flush=True)
+            step = max(abs(effect.lower or 0.0), abs(effect.upper or 0.0))
+            print(f"    {effect.name:24s} {off_by}, a step changes the loss by {1e3 * step:.2f} mm", flush=True)
 
 
 if __name__ == "__main__":

@@ -519,8 +519,8 @@ def all_cores(threads: int | None) -> int | None:
     Raises:
         ArgumentError: It is below 0.
     """
-    if threads is not None and threads < 0:
-        raise ArgumentError(f"threads is {threads}; it must be 0 (all cores) or above")
+    if threads is not None and (isinstance(threads, bool) or not hasattr(threads, "__index__") or threads < 0):
+        raise ArgumentError(f"threads is {threads!r}; it must be 0 (all cores) or above")
     return threads or None
 
 
@@ -532,17 +532,32 @@ def _choice(name: str, value: object, allowed: Iterable[str]) -> None:
 
 def _least(name: str, value: int | None, least: int) -> None:
     """Checks that a setting, where it is given, is large enough."""
-    if value is not None and value < least:
+    if value is None:
+        return
+    if isinstance(value, bool) or not hasattr(value, "__index__"):
+        raise ArgumentError(f"{name} is {value!r}; it must be a whole number from {least} on")
+    if value < least:
         raise ArgumentError(f"{name} is {value}; it must be at least {least}")
 
 
 def _finite(name: str, value: float | None, unit: str) -> None:
     """Checks that a setting, where it is given, is above 0 and finite."""
-    if value is not None and not 0 < value < math.inf:
+    if value is None:
+        return
+    _number(name, value)
+    if not 0 < value < math.inf:
         raise ArgumentError(f"{name} is {value:g}{unit}; it must be finite and above 0")
 
 
+def _number(name: str, value: object) -> None:
+    """Checks that a setting is a number."""
+    if isinstance(value, bool) or not hasattr(value, "__float__"):
+        raise ArgumentError(f"{name} is {value!r}; it must be a number")
+
+
 def _horizon(seconds: float | None) -> float | None:
+    if seconds is not None:
+        _number("horizon", seconds)
     if seconds is not None and not 0 <= seconds < math.inf:
         raise ArgumentError(f"horizon is {seconds:g} s; it must be 0 (all of each trial) or above, and finite")
     return seconds or None

@@ -72,7 +72,7 @@ def test_what_isnt_seen_is_named_alone_or_as_a_product():
     optimizer, told = search(24)
     first = optimizer.rounds[0]
     assert first.proposal.notes["not_identified"] == ["paint"]
-    assert "It hardly answers to paint: these trials don't tell it so far." in first.proposal.diagnosis
+    assert "It hardly answers to paint: these trials don't determine it so far." in first.proposal.diagnosis
     stepped = [e.candidate.point[3] for e in told if e.candidate.note["source"] == "line search"]
     assert set(stepped) == {first.incumbent.candidate.point[3]}
     optimizer, told = search(20, only_the_product)

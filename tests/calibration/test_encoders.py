@@ -105,6 +105,6 @@ def test_it_is_calibrated_reported_and_identified(reference, tmp_path):
     assert "Paths, the first chart" not in page
     run = reopen(tmp_path / "run", reference, ROBOT, 2)
     found = identify(run, IdentifiabilitySettings(rounds=2))
-    assert found.intervals["lower_mass"].verdict == "weak"
+    assert found.intervals["lower_mass"].known == "roughly"
     assert found.intervals["lower_mass"].width < 0.25
     assert says(found.doubt, "followed 0 of its starts to the end")

@@ -1,5 +1,5 @@
 import json
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
@@ -100,8 +100,8 @@ def test_sensitivities_tell_parameters_apart(problem):
     found = {one.name: one for one in sensitivities(problem, space, values)}
     assert list(found) == list(small_run.FREE)
     arm, damping = found["motor_arm_length"], found["hinge_damping_0"]
-    assert arm.verdict == "identified"
     assert arm.lower is not None
+    assert max(abs(arm.lower), abs(arm.upper or 0.0)) > 2e-3
     assert arm.speed > 0  # a longer arm bends the tail farther
     assert damping.lower is None  # at its bound
     assert damping.upper is not None
@@ -113,7 +113,7 @@ def test_sensitivities_tell_parameters_apart(problem):
         problem.evaluate(space.to_values(point)).loss - problem.evaluate(space.to_values(space.to_cube(values))).loss
     )
     assert arm.upper == pytest.approx(by_hand, rel=1e-9)
-    assert json.dumps([one.as_dict() for one in found.values()], allow_nan=False)
+    assert json.dumps([asdict(one) for one in found.values()], allow_nan=False)
 
 
 def test_a_reference_has_a_fingerprint_of_all_that_matters(reference):

@@ -19,6 +19,7 @@ from pools import NAMES
 from run_settings import record_of as record
 from swim2real.calibration import RunFolder
 from swim2real.cli import main
+from swim2real.cli.first_screen import EVERYDAY, LINES
 from swim2real.robots.fish import FISH
 from swim2real.simulation import Engine
 from swimbase.errors import TrialError
@@ -203,10 +204,14 @@ def test_calibrate_leaves_a_whole_run(finished, calibration):
 def test_calibrate_ends_with_the_values_that_it_has_found(program, calibration, tmp_path):
     words = ("--out", tmp_path / "run", "--horizon", 1, "--method", "least-squares", "--budget", 6)
     program(*calibration, *words).done()
-    told, best = " ".join(program.out.split()), json.loads((tmp_path / "run" / "best.json").read_text())["parameters"]
-    assert told.index("parameter model found unit on bound within") < told.index("Fitted trials")
+    best = json.loads((tmp_path / "run" / "best.json").read_text())["parameters"]
+    assert "parameter unit value fits about as well" in " ".join(program.out.split())
     for name, value in best.items():
-        assert re.search(rf"{name} \S+ {value:.4g} \S+ (lower|upper|–) \S+ to \S+", told), (name, told)
+        assert re.search(rf"{name} +\S+ +{value:.4g} +(\S+ to \S+|undetermined)", program.out), (name, program.out)
+    assert "Fitted trials" not in program.out
+    program(*calibration, *words, "--resume", "--quiet", "--verbose").done()
+    assert program.out.index("Fitted trials") < program.out.index("parameter  ")
+    assert program.err == ""
 
 
 @pytest.mark.slow
@@ -221,9 +226,9 @@ def test_a_run_says_how_it_goes_and_goes_on(program, calibration, tmp_path, monk
     before = (run / "record.jsonl").read_bytes()
     program(*words, "--budget", 3, "--resume", "--sensitivity").done()
     assert (run / "record.jsonl").read_bytes().startswith(before)
-    assert [line.split()[:2] for line in program.err.splitlines()[:2]] == [["1/3", "read"], ["2/3", "read"]]
+    assert program.err.splitlines()[0].endswith("read from the record")
     assert "\x1b" not in program.err + program.out
-    assert "How well the trials determine them: `swim2real identify`" in program.out
+    assert "Effect on the loss" in program.out
     assert len(RunFolder(run).outcome().sensitivity) == 2
     assert len(record(run)) == 3  # the effects are outside the budget
     monkeypatch.setenv("FORCE_COLOR", "1")  # as if it were a terminal
@@ -264,3 +269,33 @@ def test_report_writes_pages_again(program, run, tmp_path):
     assert program("report", *runs).done().out.split() == [str(one / "report.html") for one in runs]
     page = runs[1] / "report.html"
     assert not re.search(r"<(script|link|img|iframe)[^>]*\s(src|href)\s*=\s*[\"']?(https?:)?//", page.read_text())
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_the_first_screen_of_a_help_has_what_is_needed_and_names_the_rest(command, program):
+    lines = program(command, "--help").done().out.splitlines()
+    assert len(lines) <= LINES
+    whole = program(command, "--help-all").done().out
+    shown = set(re.findall(r"--[a-z][\w-]+", " ".join(lines)))
+    explained = re.findall(r"^  (--[a-z][\w-]+)", whole, re.MULTILINE)
+    assert set(explained) - {"--parameters"} <= shown  # another name of --robot
+    assert set(EVERYDAY.get(command, "").split()) <= {*explained, "--robot"}
+    assert f"swim2real {command} --help-all" in lines[-1]
+    assert "--allow-code" in whole
+
+
+def test_options_in_a_file_are_those_of_the_line_which_wins(program, calibration, tmp_path):
+    file = tmp_path / "run.toml"
+    file.write_text('method = "random"\nbudget = 2\nhorizon = 0.5\nhold_out = ["b"]\nquiet = true\nseed = 3\n')
+    program(*calibration, "--config", file, "--out", tmp_path / "run", "--seed", 4).done()
+    settings = RunFolder(tmp_path / "run").settings()
+    assert (settings.method, settings.budget, settings.horizon, settings.hold_out, settings.seed) == (
+        "random", 2, 0.5, ("b",), 4,
+    )  # fmt: skip
+    assert program.err == ""
+    program(*calibration, "--config", tmp_path / "run" / "settings.json", "--out", tmp_path / "again").done()
+    assert not settings.difference(RunFolder(tmp_path / "again").settings())
+    for text, said in (("seed = [", "can't be read"), ("[a]\nb = 1", "has a table 'a'")):
+        file.write_text(text)
+        assert said in program(*calibration, "--config", file, "--out", tmp_path / "x").sentence(2)
+    assert "--config has no value" in program(*calibration, "--config").sentence(2)

@@ -43,11 +43,12 @@ def test_a_video_becomes_a_reference_with_an_overlay(program, clip, tmp_path):
     assert trial.nominal_frequency == 1.25
 
 
-def test_quietly_it_prints_nothing_and_says_so_when_it_is_done_before(program, clip, tmp_path):
+def test_quietly_it_prints_the_result_alone_and_says_so_when_it_is_done_before(program, clip, tmp_path):
     to = tmp_path / "reference"
     command = [*words(clip, to=to), "--no-overlay"]
     program(*command, "--quiet").done()
-    assert (program.out, program.err) == ("", "")
+    assert program.err == ""
+    assert f"Reference: {to} " in program.out
     assert not (to / "tracks" / "f1_25.mp4").exists()
     before = contents(to)
     program(*command).done()

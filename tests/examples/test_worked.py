@@ -101,8 +101,8 @@ def test_from_films_to_parameters_as_the_page_says(example, tmp_path):
     assert len((folder / "record.jsonl").read_text().splitlines()) <= 60
     assert max(example.off(found["parameters"]).values()) < BAR
     study = json.loads((folder / "identifiability.json").read_text())
-    verdicts = {name: one["verdict"] for name, one in study["intervals"].items()}
-    assert {name for name, verdict in verdicts.items() if verdict == "not identified"} == UNTOLD[example.name]
+    known = {name: one["known"] for name, one in study["intervals"].items()}
+    assert {name for name, how in known.items() if how == "undetermined"} == UNTOLD[example.name]
     assert set(study["directions"][-1]["parameters"]) == UNTOLD[example.name]
 
 

@@ -56,7 +56,7 @@ def test_intervals_hold_the_truth_and_are_narrow_where_the_trials_tell(studied):
         assert low < hidden < high
         inner = found[name].interval_50
         assert low < inner[0] < found[name].median < inner[1] < high
-    assert [found[name].verdict for name in NAMES] == ["weak", *["not identified"] * 3]
+    assert [found[name].known for name in NAMES] == ["roughly", *["undetermined"] * 3]
     assert found["mass"].width < 0.1
     assert "followed 0 of its starts" in studied[0].doubt
 
@@ -71,11 +71,11 @@ def test_a_parameter_is_identified_only_by_several_descents_to_one_minimum_at_th
     def study(lines):
         (folder.path / "record.jsonl").write_text("".join(lines), encoding="utf-8")
         found = identify(reopen(folder.path, reference, toy.ROBOT, 2), QUICK, again=True)
-        return found.intervals["mass"].verdict, found.doubt
+        return found.intervals["mass"].known, found.doubt
 
-    assert study(whole) == ("identified", "")
-    verdict, doubt = study(whole[: ended + 1])
-    assert verdict == "weak"
+    assert study(whole) == ("determined", "")
+    known, doubt = study(whole[: ended + 1])
+    assert known == "roughly"
     assert says(doubt, "followed 1 of its starts", "one minimum", "--resume")
 
 

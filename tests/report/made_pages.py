@@ -150,8 +150,8 @@ class Run:
         }  # fmt: skip
         if sensitivity:
             outcome["sensitivity"] = [
-                {"name": "arm", "lower": 0.0123, "upper": None, "speed": 0.1, "verdict": "identified"},
-                {"name": "stiffness", "lower": 0.0001, "upper": -0.0002, "speed": 0.1, "verdict": "not identified"},
+                {"name": "arm", "lower": 0.0123, "upper": None, "speed": 0.1},
+                {"name": "stiffness", "lower": 0.0001, "upper": -0.0002, "speed": 0.1},
             ]
         self.folder.write_json("outcome.json", outcome)
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from markertrack.both_ways import SMEARED
 from markertrack.following import Film, FrameProgress, within
 from markertrack.midline.centerline import POINTS, Curve, curves
 from markertrack.midline.doubting import judge

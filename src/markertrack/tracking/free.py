@@ -252,7 +252,7 @@ class FreeTracker:
         return found.centers[best], float(found.fills[best]), len(found) == 1
 
     def _doubles(self, positions: Array, confidence: Array) -> Mask:
-        """Markers at another's place, which is the more certain of the two now or was later; of two equal ones, both."""
+        """Markers at another's place, which is certain, or was later; of two equal ones, both."""
         confidence = confidence + 1 / (1 + self._doubtful)
         near = np.linalg.norm(positions[:, None] - positions, axis=2) < APART * (self.radii[:, None] + self.radii)
         np.fill_diagonal(near, False)

@@ -132,7 +132,9 @@ def standing(
     near = agreeing([best.loss, *ends]) - 1
     last = _gain_lately(entries)
     state, more = ("is done", "") if done else ("isn't finished", "; --resume goes on with it")
-    ended = f"starts followed to their end: {len(ends)}, of which within {100 * AGREEMENT:.0f} % of that: {near}"
+    ended = f"of {len(ends)} starts followed to their end {near} agree within {100 * AGREEMENT:.0f} %"
+    if len(ends) == 1:
+        ended = "only one start was followed to its end, which no second one confirms yet"
     gained = f"lowered the loss by {100 * last:.0f} %" if last >= 0.005 else "gained nothing"
     said = [
         f"the search {state} after {len(entries)} evaluations, at {1e3 * best.loss:.2f} mm{more}",

@@ -5,14 +5,19 @@ What is checked here is what is read again; keys that a later version adds are k
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+import math
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
 from swim2real.calibration.from_rest import FromRest
 from swim2real.calibration.sensitivity import Sensitivity
+from swim2real.formatting import html_table, significant
 from swim2real.objective.figures import Fact, FitFigures, Text
 from swimbase.checking import Number
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 Whole = Annotated[int, Field(strict=True, ge=0, le=10**9)]
 Kind = Literal["good", "not finished", "not usable"]
@@ -112,6 +117,7 @@ class Outcome(_Part):
     Attributes:
         fit: Figures on the fitted trials.
         verdict: What the best parameters are worth; None in runs of before there was one.
+        values: The best parameters, by name.
         held_out: Figures on the held-out trials; None without any.
         from_rest: How each fitted trial's beat swims from rest; empty where trials have no beat.
         trials: What was found in each real trial.
@@ -119,7 +125,7 @@ class Outcome(_Part):
         engine: Name and fingerprint of the physics engine.
         marker_names: Names of the markers.
         evaluations: Number of evaluations on record.
-        ending: What ended the search: done, most, budget, minutes or interrupted.
+        ending: What ended the search: done, most, budget, minutes, stopped or interrupted.
         conclusion: Reason why it is done, in words; empty otherwise.
         noise: Noise of the markers of the fitted trials, of sensors alone that of what they count as [m].
         ranges: Values of each parameter within which the error rises by less than a tenth, others following; empty
@@ -129,6 +135,7 @@ class Outcome(_Part):
 
     fit: FitFigures
     verdict: Verdict | None = None
+    values: dict[str, Number] = {}
     held_out: FitFigures | None = None
     from_rest: dict[str, FromRest] = {}
     trials: dict[str, TrialSummary] = {}
@@ -141,6 +148,31 @@ class Outcome(_Part):
     noise: Number | None = None
     ranges: dict[str, tuple[Number, Number]] = {}
     late: list[Text] = []
+
+    def __repr__(self) -> str:
+        error = "diverged" if self.fit.error is None else f"{1e3 * self.fit.error:.3g} mm"
+        kind = "" if self.verdict is None else f"{self.verdict.kind}, "
+        return f"<Outcome: {kind}{error} after {self.evaluations} evaluations, {len(self.values)} values>"
+
+    def __str__(self) -> str:
+        return repr(self)
+
+    def _repr_html_(self) -> str:
+        rows = [
+            (name, significant(value), " to ".join(map(significant, self.ranges[name])) if name in self.ranges else "–")
+            for name, value in self.values.items()
+        ]
+        said = "" if self.verdict is None else f"{self.verdict.title}: {self.verdict.sentence}."
+        return html_table(said, ("parameter", "value", "fits about as well"), rows)
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """The best parameters by name: `value`, and `low` and `high`, between which it fits about as well."""
+        import pandas as pd
+
+        ends = [self.ranges.get(name, (math.nan, math.nan)) for name in self.values]
+        low, high = ([both[k] for both in ends] for k in (0, 1))
+        columns = {"value": list(self.values.values()), "low": low, "high": high}
+        return pd.DataFrame(columns, index=pd.Index(list(self.values), name="parameter"))
 
     def to_json(self) -> dict[str, object]:
         """As the file has it."""

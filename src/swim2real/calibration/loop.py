@@ -13,9 +13,9 @@ import sys
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,7 +30,7 @@ from swim2real.parameters import ParameterSpace, Values, write_parameters
 from swimbase.errors import RunError
 from swimbase.store import writing
 
-Ending = Literal["done", "most", "budget", "minutes", "interrupted"]
+Ending = Literal["done", "most", "budget", "minutes", "stopped", "interrupted"]
 
 _PRIOR = 0.01  # of the first residual's length: what the way over a parameter's whole range adds
 
@@ -54,6 +54,10 @@ class Search:
     seconds: float | None = None
 
 
+class StoppedError(Exception):
+    """The wish of a callback that a search ends now and is concluded."""
+
+
 @dataclass(frozen=True)
 class Progress:
     """Progress of a run after an evaluation.
@@ -70,6 +74,8 @@ class Progress:
         ends: Losses at which descents from independent starts ended [m].
         gained: Share by which the last quarter of the evaluations, those on record included, lowered the best loss:
             about what the next as many may gain.
+        error: Error of the best parameters so far, as pages show it [m]; None while every simulation diverged.
+        values: Best parameters so far, by name.
     """
 
     done: int
@@ -82,6 +88,12 @@ class Progress:
     replayed: bool
     ends: Sequence[float] = ()
     gained: float = 1.0
+    error: float | None = None
+    values: Values = field(default_factory=dict[str, float])
+
+    def stop(self) -> NoReturn:
+        """Ends the search after this evaluation; the run is concluded, and can be resumed."""
+        raise StoppedError
 
 
 def minimize(
@@ -97,7 +109,7 @@ def minimize(
         optimizer: Fresh: recorded evaluations are replayed into it.
         budget: Most simulation evaluations, those on record included; None for any number.
         folder: Locked by the caller, with settings written.
-        on_progress: Called after every evaluation. Its KeyboardInterrupt ends the run.
+        on_progress: Called after every evaluation. Its KeyboardInterrupt, or `Progress.stop`, ends the run.
         prior: Point of the unit cube that undetermined parameters stay near; least squares gets the distance as extra
             residuals, a whole range as a hundredth of the first residual. Losses don't contain it. Shape (d,).
         minutes: Longest search from its first evaluation that isn't on record; None for any.
@@ -115,6 +127,7 @@ def minimize(
     best: RecordedEvaluation | None = None
     started, fresh, pace = time.monotonic(), 0, 0.0
     ending: Ending = "budget"
+    stopped = False
     lowest: list[float] = []
     recorded, scale, ahead = folder.record(), None, _Ahead(problem, space, optimizer)
     most = sys.maxsize if budget is None else max(budget, len(recorded))
@@ -122,6 +135,9 @@ def minimize(
         replayed = index < len(recorded)
         if index == len(recorded):
             started = time.monotonic()
+        if not replayed and stopped:
+            ending = "stopped"
+            break
         if not replayed and (ended := _ended(optimizer, index, budget, started, minutes)):
             ending = ended
             break
@@ -163,9 +179,14 @@ def minimize(
         quarter = lowest[3 * len(lowest) // 4 - 1]
         gained = (quarter - best.loss) / max(quarter, 1e-300) if index else 1.0
         seconds = pace * min(left) if left else None
-        progress = Progress(index + 1, budget, entry.loss, best.loss, candidate.note, improved, seconds, replayed)
+        progress = Progress(
+            index + 1, budget, entry.loss, best.loss, candidate.note, improved, seconds, replayed, optimizer.ends,
+            gained, best.evidence.error, best.values,
+        )  # fmt: skip
         try:
-            on_progress(replace(progress, ends=optimizer.ends, gained=gained))
+            on_progress(progress)
+        except StoppedError:
+            stopped = True
         except KeyboardInterrupt:
             if replayed:  # nothing is new
                 raise

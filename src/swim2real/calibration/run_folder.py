@@ -84,6 +84,11 @@ class RunFolder:
                     f"run '{self.path}' can't go on: its robot file or model has changed since; begin a new run "
                     f"from its values: --first {self.path}, and another --out"
                 )
+            if name == "reference_fingerprint":
+                raise RunError(
+                    f"run '{self.path}' can't go on: it was made with other trials than the ones given, or they have "
+                    f"changed since; give the ones that it was made with ({recorded.reference}), or begin a new run"
+                )
             raise RunError(
                 f"run '{self.path}' can't go on: {name} was {shown(before)} and is now {shown(now)}; "
                 f"use the same settings and reference, or begin a new run"

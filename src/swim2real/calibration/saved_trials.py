@@ -86,6 +86,7 @@ def conclude(
     verdict = judge(fit.trials, problem.robot, search, noise, swims)
     content: dict[str, object] = {
         "verdict": rounded(verdict.model_dump()),
+        "values": dict(values),
         "fit": evidence(fit),
         "held_out": None if on_held_out is None else evidence(on_held_out),
         **({"from_rest": rounded({name: asdict(swim) for name, swim in swims.items()})} if swims else {}),

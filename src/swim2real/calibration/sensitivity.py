@@ -1,4 +1,4 @@
-"""Which parameters the trials can tell: the effect of each one on the loss around a point."""
+"""Effect of each parameter on the loss around a point, and values between which the error hardly rises."""
 
 from __future__ import annotations
 
@@ -19,28 +19,23 @@ _SPARE = 8  # points that are kept beyond four a parameter
 _UNKNOWN = 1e-2  # of the best known direction, below which one isn't known
 
 STEP = 0.1  # of the parameter's range on the space's scale
-IDENTIFIED = 2e-3  # m by which a step must change the loss
-WEAK = 5e-4
 
 
 @dataclass(frozen=True)
 class Sensitivity:
-    """Effect of a step of one parameter, all others fixed.
+    """Effect of a step of one parameter, all others fixed: that others could make up for it isn't seen.
 
     Attributes:
         name: Name of the parameter.
         lower: Change of the loss for a step down [m]; None where the bound is in the way.
         upper: Change of the loss for a step up [m]; None likewise.
         speed: Mean relative change of the forward speed for a step up, from both sides; None where nothing travels.
-        verdict: `identified`, `weak` or `not identified`, by the larger of the two changes. One parameter at a time:
-            that others could make up for it isn't seen here.
     """
 
     name: str
     lower: Fact
     upper: Fact
     speed: Fact
-    verdict: str
 
 
 def sensitivities(problem: Problem, space: ParameterSpace, values: Values) -> list[Sensitivity]:
@@ -66,10 +61,8 @@ def sensitivities(problem: Problem, space: ParameterSpace, values: Values) -> li
             if len(base_speed):
                 change = (_speeds(result) - base_speed) / np.maximum(base_speed, 1e-3)
                 speeds.append(float(np.mean(change) * np.sign(step)))
-        effect = max((abs(change) for change in changes.values()), default=0.0)
-        verdict = "identified" if effect >= IDENTIFIED else "weak" if effect >= WEAK else "not identified"
         faster = float(np.mean(speeds or [0.0])) if len(base_speed) else None
-        found.append(Sensitivity(name, changes.get(-1.0), changes.get(1.0), faster, verdict))
+        found.append(Sensitivity(name, changes.get(-1.0), changes.get(1.0), faster))
     return found
 
 

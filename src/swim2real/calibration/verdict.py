@@ -25,7 +25,8 @@ _FAR = 10.0  # times the noise
 NEAR = 4.0  # times the noise of the data, up to which an error is near it
 _ENDS = {
     "budget": "the budget of {made} evaluations is spent", "minutes": "the minutes are over",
-    "interrupted": "it was interrupted", "most": "the search gave up after {made} evaluations",
+    "interrupted": "it was interrupted", "stopped": "it was stopped",
+    "most": "the search gave up after {made} evaluations",
 }  # fmt: skip
 _PARTS = {"shape_error": "shape", "recoil_error": "recoil", "progress_error": "way", "aligned_marker_error": "markers"}
 

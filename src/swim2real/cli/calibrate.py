@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import shutil
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from math import inf
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 from tyro.conf import Positional
 
 from swim2real.cli import options as opt
+from swim2real.cli.options import word
 from swim2real.cli.terminal import say, say_json, tell
 from swim2real.settings import CalibrationSettings, IdentifiabilitySettings, VlmAccess, expand_seeds
 from swimbase.errors import RunError
@@ -20,15 +21,20 @@ from swimbase.errors import RunError
 if TYPE_CHECKING:
     from swim2real.calibration import Outcome
     from swim2real.cli.progress import RunCallbacks
+    from swim2real.report.run import ReportedRun
     from swim2real.robots.robot import Sensor
 
-MOST_LINES = 10  # on lost tracks, before they are reported in a line per trial
+_DECISIVE = (  # settings that a run goes on with
+    "protocol", "start", "horizon", "pieces", "advisor", "seed", "first", "starts", "scale", "max_steps", "probes",
+    "hold_out",
+)  # fmt: skip
 
 
 def calibrate(
     reference: Positional[opt.Reference], settings: CalibrationSettings, access: VlmAccess, *, out: Path,
     robot: opt.CalibratedRobot = "fish", sensitivity: bool = False, resume: opt.Resume = False,
     seeds: tuple[int | str, ...] = (), json: opt.Json = False, quiet: opt.Quiet = False,
+    verbose: opt.Verbose = False,
 ) -> int:  # fmt: skip
     """Find simulator parameters that make simulated trials match real ones.
 
@@ -64,7 +70,14 @@ def calibrate(
         return _watched(work, None if chosen.finish else chosen.budget, folder, quiet)
 
     outcome = _best_of(numbers, settings, out, resume, run) if seeds else run(settings, out, resume)
-    return 1 if outcome is None else _told(outcome, out, quiet, json)
+    if outcome is None:
+        return 1
+    if json:
+        say_json(outcome.to_json())
+        _written(out)
+        return 0
+    again = _again(settings, reference, robot, out)
+    return _end(out, lambda run: _next(run, out, reference, robot, again), verbose, sensitivity)
 
 
 def _warn(line: str) -> None:
@@ -102,7 +115,7 @@ def _best_of(
 
 def demo(
     *, out: Path = Path("demo-out"), budget: int | None = None, seed: int = 2, full: bool = False,
-    resume: opt.Resume = False, quiet: opt.Quiet = False,
+    resume: opt.Resume = False, quiet: opt.Quiet = False, verbose: opt.Verbose = False,
 ) -> int:  # fmt: skip
     """Run the whole pipeline on an embedded example: no data, no network, no key.
 
@@ -115,8 +128,6 @@ def demo(
         seed: Decides the first point and every random choice.
         full: Take all eight films instead of four.
     """
-    from swim2real.api import open_run
-    from swim2real.cli import tables
     from swim2real.cli.progress import films_shown
     from swim2real.cli.study import study_shown
     from swim2real.demo import (
@@ -141,17 +152,15 @@ def demo(
         return fit(out, settings, callbacks.progress)
 
     outcome = _watched(work, budget, out / "run", quiet)
-    study = None
     if outcome is not None:
         opened = reopen(out / "run", load_reference(out / "reference"), FISH)
         study = study_shown(opened, IdentifiabilitySettings(rounds=4), outdated(opened), quiet)
-    code = 1 if outcome is None else _told(outcome, out / "run", quiet, False)
-    if not quiet and code == 0:
-        intervals = {name: one.interval_95 for name, one in study.intervals.items()} if study else {}
-        tables.truth(open_run(out / "run").values, hidden_values(), intervals)
+        if study is None:
+            return 1
     if not quiet:
-        say(f"The demo took {time.monotonic() - began:.0f} s. Overlays: {out / 'reference' / 'tracks'}")
-    return code
+        tell(f"the demo took {time.monotonic() - began:.0f} s; overlays of its tracks: {out / 'reference' / 'tracks'}")
+    run = out / "run"
+    return 1 if outcome is None else _end(run, lambda _: f"swim2real view {word(run)}", verbose, False, hidden_values())
 
 
 def _watched(work: Callable[[RunCallbacks], Outcome], budget: int | None, folder: Path, quiet: bool) -> Outcome | None:
@@ -171,45 +180,84 @@ def _watched(work: Callable[[RunCallbacks], Outcome], budget: int | None, folder
         return None
 
 
-def _told(outcome: Outcome, folder: Path, quiet: bool, as_json: bool) -> int:
-    """Prints the outcome of a run and its warnings, and writes the report."""
+def _written(folder: Path) -> tuple[ReportedRun, Path]:
+    """Writes the page of a run, and tells its warnings."""
     from swim2real.api import run_robot
     from swim2real.calibration import RunFolder
-    from swim2real.cli import tables
     from swim2real.report import read_run, warnings, write_report
-    from swim2real.report.tables import parameter_rows
 
-    reported = read_run(folder, run_robot(RunFolder(folder)))
-    if as_json:
-        say_json(outcome.to_json())
-    elif not quiet:
-        tables.verdict(reported.verdict)
-        tables.parameters(parameter_rows(reported), outcome.ranges)
-        _print(outcome, reported.robot.trials.sensors)
-    if not as_json and not quiet:
-        for line in reported.standing:
-            say(f"{line[0].upper()}{line[1:]}.")
-    for warning in warnings(reported):
+    run = read_run(folder, run_robot(RunFolder(folder)))
+    for warning in warnings(run):
         tell(f"warning: {warning}")
-    page = write_report(folder, reported.robot)
-    if not as_json and not quiet:
-        say(f"Parameters: {folder / 'best.json'}   Report: {page}")
+    return run, write_report(folder, run.robot)
+
+
+def _end(
+    folder: Path, following: Callable[[ReportedRun], str], verbose: bool, sensitivity: bool,
+    hidden: Mapping[str, float] | None = None,
+) -> int:  # fmt: skip
+    """Writes the page of a run and prints its end, where that is wanted with all figures before."""
+    from swim2real.cli import tables
+
+    run, page = _written(folder)
+    if verbose:
+        _print_figures(run.of_best, run.robot.trials.sensors)
+        say(" ".join(f"{line[0].upper()}{line[1:]}." for line in run.standing))
+    if (verbose or sensitivity) and run.of_best.sensitivity:
+        tables.sensitivities(run.of_best.sensitivity)
+    ending(run, page, following(run), hidden)
     return 0
 
 
-def _print(outcome: Outcome, sensors: Sequence[Sensor]) -> None:
+def ending(run: ReportedRun, page: Path, following: str, hidden: Mapping[str, float] | None = None) -> None:
+    """Prints the end of a run: verdict, parameters, error, files, next command.
+
+    Args:
+        run: The run.
+        page: Its page, beside the values.
+        following: The next command.
+        hidden: Values that were to be found, where they are known.
+    """
+    from swim2real.cli import tables
+    from swim2real.report.tables import interval_name, parameter_rows
+
+    tables.verdict(run.verdict)
+    tables.parameters(parameter_rows(run), interval_name(run), hidden)
+    best = run.of_best
+    fits = {"": best.fit, " on held-out trials": best.held_out, " at the first point": run.entries[0].evidence}
+    errors = [f"{tables.millimeters(fit.error)} mm{where}" for where, fit in fits.items() if fit is not None]
+    say(f"{run.loss.capitalize()} {', '.join(errors)}.")
+    say(f"Page: {page}   Values: {page.with_name('best.json')}")
+    say(f"Next: {following}")
+
+
+def _next(run: ReportedRun, out: Path, reference: Path, robot: str, again: str) -> str:
+    """The command that helps most after a run."""
+    if run.verdict.kind == "not finished" or (run.verdict.kind == "not usable" and run.verdict.seconds is not None):
+        return again
+    if run.verdict.kind == "not usable":
+        return f"swim2real check {word(robot)} --reference {word(reference)}"
+    if run.studied is None:
+        return f"swim2real identify {word(out)} --reference {word(reference)}   # 95 % intervals"
+    return f"swim2real view {word(out)}"
+
+
+def _again(settings: CalibrationSettings, reference: Path, robot: str, out: Path) -> str:
+    """The command that goes on with a run until it is done, with the options that it was begun with."""
+    words = f"swim2real calibrate {word(reference)}{opt.for_robot(robot)}"
+    usual = CalibrationSettings()
+    for name in _DECISIVE:
+        value = getattr(settings, name)
+        if value != getattr(usual, name):
+            values = cast("tuple[object, ...]", value) if isinstance(value, tuple) else (value,)
+            words += f" --{name.replace('_', '-')} {' '.join(word(str(0 if one is None else one)) for one in values)}"
+    return f"{words} --out {word(out)} --resume"
+
+
+def _print_figures(outcome: Outcome, sensors: Sequence[Sensor]) -> None:
+    """Prints all that is known of each trial."""
     from swim2real.cli import tables
 
-    lost = {name: trial for name, trial in outcome.trials.items() if not trial.usable}
-    lines = [(name, line) for name, trial in lost.items() for line in trial.findings]
-    if len(lines) > MOST_LINES:
-        title = "Lost tracks (left out by weights): frames for which each marker is lost [%]"
-        rows = [((name,), trial.lost_share, ()) for name, trial in lost.items()]
-        tables.by_marker(title, outcome.marker_names, ("trial",), (), rows, tables.percent)
-    elif lines:
-        tables.table("Lost tracks (left out by weights)", ("trial", "finding"), lines)
     tables.figures(outcome.fit, "Fitted trials", sensors)
     if outcome.held_out is not None:
         tables.figures(outcome.held_out, "Held-out trials", sensors)
-    if outcome.sensitivity:
-        tables.sensitivities(outcome.sensitivity)

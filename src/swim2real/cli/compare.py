@@ -62,7 +62,7 @@ def compare(
     written = write_files(out, results) if results.runs else []
     if json:
         say_json(results.as_dict())
-    elif not quiet:
+    else:
         _print(results)
         say(f"Results: {out / 'results.csv'}, {', '.join(str(path) for path in written if path.suffix != '.png')}")
     for sentence in _grouped(results.missing):

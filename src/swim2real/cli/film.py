@@ -16,14 +16,9 @@ from swim2real.cli.options import From, finite_above_0, for_robot, one_each, wor
 from swim2real.cli.terminal import say, say_json, tell
 from swim2real.settings import TrackingSettings
 from swimbase.errors import ArgumentError, Swim2RealError, TrackingError, TrialError
-from swimbase.names import composed
 
 if TYPE_CHECKING:
-    from markertrack.camera import Camera
-    from markertrack.camera_file import CameraFile
     from markertrack.kinematics import Kinematics
-    from markertrack.span import Span
-    from markertrack.track import MarkerTrack
     from swim2real.calibration import Problem
     from swim2real.pipeline import TrackingReport
     from swim2real.robots.robot import Robot
@@ -161,7 +156,7 @@ def track(
     reports = {result.name: result.report for result in results if isinstance(result, TrackedVideo)}
     if json:
         say_json({name: report.model_dump() for name, report in reports.items()})
-    elif not quiet and reports:
+    elif reports:
         _print_tracked(reports, body)
         run = f"swim2real calibrate {word(to)} --out RUN{for_robot(robot)}"
         if missing := _tables_of(body, count, [trial for trial in load_reference(to) if trial.name in reports]):
@@ -197,45 +192,18 @@ def import_tracks(
         one_each(option, values, len(tables), "tables")
     finite_above_0("frequency", *frequency, unit=" Hz")
     finite_above_0("fps", fps)
-    from markertrack.camera_file import read_camera
-    from markertrack.span import spans
+    from swim2real import pipeline
     from swim2real.robots import load_robot
-    from swim2real.trials import Trial
-    from swim2real.trials.published import nominal_frequency
-    from swim2real.trials.reference import add_trial
-    from swim2real.trials.signals import read_signals
-    from swim2real.trials.timebase import TABLES, Timebase, by_stamps, contradictions
 
-    stretches = spans(begin, until, len(tables), "tables")
-    body = load_robot(robot, markers_only=True)
-    body.check_markers("import")
-    known = None if camera is None else read_camera(camera)
-    # all tables are read before anything is written
-    read = {
-        _trial_name(path): (path, span, *_read_track(path, fps, known, body, span, midline))
-        for path, span in zip(tables, stretches, strict=True)
-    }
-    if len(read) < len(tables):
-        raise ArgumentError(f"two tables would make a trial of the same name ({', '.join(read)}); rename one")
-    none, kind = [None] * len(tables), "midlines" if midline else "pose table"
-    driven, measured = ([read_signals(path) for path in paths] or none for paths in (controls, sensors))
-    for i, (name, (path, span, pixels, scale, notes)) in enumerate(read.items()):
-        clocks = {"track": Timebase(f"first frame of the video of {path.name}", fps, "given")}
-        trial = Trial(
-            name, scale.to_meters(pixels), frequency[i] if frequency else nominal_frequency(name),
-            scale.scale.meters_per_pixel,
-            f"{kind} {path.name}, {fps:g} fps" + ("" if camera is None else f", camera {camera.name}"),
-            controls=driven[i], sensors=measured[i],
-            timebases=clocks | by_stamps(TABLES, controls=driven[i], sensors=measured[i]), midline=midline,
-        ).within(span)  # fmt: skip
-        add_trial(to, trial, body.marker_names)
-        mm_per_pixel = 1e3 * scale.scale.meters_per_pixel
-        say(f"{name}: {pixels.frame_count} frames, {pixels.duration:.2f} s, {mm_per_pixel:.4f} mm per pixel")
-        for line in (
-            *(f"{stream} at {clock}" for stream, clock in trial.timebases.items()), *notes,
-            *contradictions(trial), *scale.findings(),
-        ):  # fmt: skip
-            say(f"{name}: {line}")
+    made = pipeline.import_tracks(
+        tables, load_robot(robot, markers_only=True), to, fps=fps, camera=camera, frequency=frequency,
+        controls=controls, sensors=sensors, begin=begin, until=until, midline=midline,
+    )  # fmt: skip
+    for one in made:
+        track, scale = one.trial.track, 1e3 * (one.trial.meters_per_pixel or 0.0)
+        say(f"{one.trial.name}: {track.frame_count} frames, {track.duration:.2f} s, {scale:.4f} mm per pixel")
+        for line in one.notes:
+            say(f"{one.trial.name}: {line}")
     say(f"{to}: check the tracks with: swim2real quality {word(to)}{for_robot(robot)}")
     return 0
 
@@ -360,25 +328,6 @@ def _tables_of(robot: Robot, count: int, trials: Sequence[Trial] = ()) -> str:
     if trials:
         lacking = [kind for kind in lacking if any(getattr(trial, kind) is None for trial in trials)]
     return "".join(f" --{kind}{' TABLE.csv' * count}" for kind in lacking)
-
-
-def _trial_name(path: Path) -> str:
-    """Name of a trial: the video's, without what DeepLabCut or `track` adds to it."""
-    return composed(path.stem.removesuffix(".pixels").split("DLC_")[0] or path.stem)
-
-
-def _read_track(
-    path: Path, fps: float, known: CameraFile | None, robot: Robot, span: Span, midline: bool
-) -> tuple[MarkerTrack, Camera, list[str]]:
-    """A stretch of a track in pixels with the robot's markers in order, its camera, and notes on it."""
-    from markertrack.camera import camera_for
-    from swim2real.trials.midline_tables import read_midlines
-    from swim2real.trials.pose_tables import read_poses
-
-    layout = robot.layout.level if midline else robot.layout
-    track, notes = read_midlines(path, fps, layout.places_along) if midline else read_poses(path, fps, layout.names)
-    track = span.of_track(track, str(path))
-    return track, camera_for(track, layout, known), notes
 
 
 def _examined(reference: TrialSet, robot: Robot) -> tuple[Findings, dict[str, str]]:

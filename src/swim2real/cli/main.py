@@ -5,17 +5,19 @@ from __future__ import annotations
 import difflib
 import functools
 import inspect
+import json
 import logging
 import os
 import re
 import signal
 import sys
+import tomllib
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import is_dataclass
 from importlib import metadata
 from pathlib import Path
-from typing import Any, get_type_hints
+from typing import Any, cast, get_type_hints
 
 import tyro
 
@@ -25,6 +27,7 @@ from swim2real.cli.board import board
 from swim2real.cli.calibrate import calibrate, demo
 from swim2real.cli.compare import compare
 from swim2real.cli.film import cut, fetch, import_tracks, pick, quality, track
+from swim2real.cli.first_screen import captured, first_screen
 from swim2real.cli.policy import export_commands, rollout, train
 from swim2real.cli.recording import import_recording
 from swim2real.cli.results import evaluate, overlay, report, simulate
@@ -54,9 +57,14 @@ COMMANDS: dict[str, dict[str, Command]] = {
 }  # fmt: skip
 # packages whose absence means that only the command line was installed
 CORE = ("av", "filelock", "jinja2", "matplotlib", "mujoco", "numba", "numpy", "PIL", "pooch", "pydantic", "scipy")
+RECORDED = (  # of a run's settings.json, what --config takes
+    "protocol", "start", "horizon", "pieces", "method", "advisor", "budget", "seed", "finish", "scale", "max_steps",
+    "probes", "hold_out", "starts",
+)  # fmt: skip
 EVERYWHERE = """\
-Every command takes --debug, which shows tracebacks; --allow-code, which permits the Python code that a robot file or a
-policy names; and --allow-outside, which permits files outside of a model's folder. Permissions are stored."""
+Every command takes --config FILE, a TOML file of its options; --debug, which shows tracebacks; --allow-code, which
+permits the Python code that a robot file or a policy names; and --allow-outside, which permits files outside of a
+model's folder. Permissions are stored."""
 
 
 def main(argv: Sequence[str] | None = None) -> None:
@@ -139,13 +147,49 @@ def parsed(words: list[str]) -> Callable[[], int]:
         hint = f"; did you mean {' or '.join(map(repr, near))}?" if near else "."
         raise ArgumentError(f"there is no command '{name}'{hint} There are {', '.join(commands)}")
     flags = (tyro.conf.OmitArgPrefixes, tyro.conf.FlagCreatePairsOff, tyro.conf.DisallowNone)
+
+    def read(given: Sequence[str]) -> Any:
+        return tyro.cli(_deferred(commands[name]), prog=f"swim2real {name}", args=given, config=flags)
+
+    if "--config" in rest:
+        rest = configured(rest)
+    if "--help-all" in rest:
+        return lambda: say(f"{captured(lambda: read(['--help']))}{EVERYWHERE}") or 0
+    if {"-h", "--help"} & set(rest):
+        return lambda: say(first_screen(name, captured(lambda: read(["--help"])))) or 0
+    return read(rest)
+
+
+def configured(words: Sequence[str]) -> list[str]:
+    """The words of a command, with those of its file of options in place of --config FILE; words given win.
+
+    The file is TOML or JSON, an option a key, such as a run's settings.json; null leaves an option as it is.
+
+    Raises:
+        ArgumentError: There is no such file, it can't be read, or an option's value is no value of an option.
+    """
+    at = words.index("--config")
+    if at + 1 == len(words):
+        raise ArgumentError("--config has no value; give a file of options, such as run.toml")
+    path, rest = Path(words[at + 1]), [*words[:at], *words[at + 2 :]]
     try:
-        work: Any = tyro.cli(_deferred(commands[name]), prog=f"swim2real {name}", args=rest, config=flags)
-    except SystemExit as ended:
-        if not ended.code:
-            say(EVERYWHERE)
-        raise
-    return work
+        text = path.read_text(encoding="utf-8")
+        content: Any = json.loads(text) if path.suffix == ".json" else tomllib.loads(text)
+    except (OSError, ValueError) as error:
+        raise ArgumentError(f"--config is '{path}', which can't be read as TOML or JSON: {error}") from error
+    if path.suffix == ".json":  # what is on record of a run, beside what decides it
+        content = {key: value for key, value in content.items() if key in RECORDED}
+    given = {word.partition("=")[0] for word in rest}
+    added = list[str]()
+    for key, value in content.items():
+        option = f"--{key.replace('_', '-')}"
+        if option in given or value is None or value is False or value == []:
+            continue
+        if isinstance(value, dict):
+            raise ArgumentError(f"'{path}' has a table '{key}'; write its options without a table")
+        values = cast("list[object]", value) if isinstance(value, list) else [] if value is True else [value]
+        added += [option, *map(str, values)]
+    return [*rest, *added]
 
 
 def overview() -> str:
@@ -164,7 +208,7 @@ def overview() -> str:
         for name, command in group.items():
             lines.append(f"  {name:<{width}}  {(command.__doc__ or '').strip().splitlines()[0]}")
     ends = (
-        "swim2real COMMAND --help explains a command.",
+        "swim2real COMMAND --help explains a command, --help-all all of its options.",
         "--version prints the version.",
         EVERYWHERE,
     )

@@ -26,9 +26,9 @@ CalibratedRobot = Annotated[
     str,
     arg(
         aliases=["--parameters"],
-        help="What is calibrated. fish: the paper's 16 parameters. fish-extended: two more, for the water that the "
-        "hull accelerates and for damping at the surface. fish-rolling: twelve more, for a hull that floats and rolls. "
-        "FILE.toml: your robot; `swim2real init` writes such a file.",
+        help="What is calibrated: your robot's FILE.toml, which `swim2real init` writes, or a fish. fish: the paper's "
+        "16 parameters. fish-extended: two more, for the water that the hull accelerates and for damping at the "
+        "surface. fish-rolling: twelve more, for a hull that floats and rolls.",
     ),
 ]
 RobotOfMarkers = Annotated[str, arg(help="Robot whose markers they are: fish, or a robot file (.toml).")]
@@ -63,7 +63,8 @@ Threads = Annotated[int, arg(help="Simulations in parallel; 0 for all cores. Res
 Resume = Annotated[bool, arg(help="Continue what is in --out.")]
 Anyway = Annotated[bool, arg(help="Go on even with a run that isn't usable.")]
 Json = Annotated[bool, arg(help="Print the result as JSON, in SI units.")]
-Quiet = Annotated[bool, arg(help="Print no progress.")]
+Quiet = Annotated[bool, arg(help="Print the result, but no progress.")]
+Verbose = Annotated[bool, arg(help="Also print every figure of every trial, as on the page.")]
 
 
 def word(path: str | Path) -> str:

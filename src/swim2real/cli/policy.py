@@ -87,7 +87,7 @@ def train(
 
     with Interruption() as interruption, training_shown(settings.env_steps, quiet) as show:
         outcome = _train_one(run, settings, out, resume, show, lambda: bool(interruption))
-    _report_outcome(outcome, out, json, quiet)
+    _report_outcome(outcome, out, json)
     if not outcome.complete:
         tell(f"interrupted at step {outcome.step}; --resume goes on")
     return 0 if outcome.complete else 1
@@ -140,7 +140,7 @@ def _train_seeds(
                     tell(f"seed {seed}: {error}")
                     unfinished.append(seed)
                 else:
-                    _report_outcome(outcome, out / f"seed-{seed}", json, quiet)
+                    _report_outcome(outcome, out / f"seed-{seed}", json)
                     unfinished += [] if outcome.complete else [seed]
     if unfinished:
         tell(f"seeds {', '.join(map(str, sorted(unfinished)))} aren't done; the same command with --resume goes on")
@@ -323,10 +323,10 @@ def export_commands(
     return 0
 
 
-def _report_outcome(outcome: TrainingOutcome, out: Path, json: bool, quiet: bool) -> None:
+def _report_outcome(outcome: TrainingOutcome, out: Path, json: bool) -> None:
     if json:
         say_json(asdict(outcome))
-    elif not quiet:
+    else:
         say(_summary(outcome, out))
 
 
@@ -337,8 +337,8 @@ def _summary(outcome: TrainingOutcome, out: Path) -> str:
         evaluation = f"return {last['episode_return']:.1f}, distance {last['distance']:.3f} m{success}; "
     return (
         f"{out}: {outcome.step} steps, {outcome.gradient_steps} updates, {outcome.steps_per_second:.0f} steps/s "
-        f"({100 * outcome.learner_share:.0f} % of the time learning, {100 * outcome.simulator_share:.0f} % "
-        f"simulating); {evaluation}`swim2real rollout {word(out)}` assesses it"
+        f"(learning took {100 * outcome.learner_share:.0f} % of the time, simulating at the same time "
+        f"{100 * outcome.simulator_share:.0f} %); {evaluation}`swim2real rollout {word(out)}` assesses it"
     )
 
 

@@ -26,6 +26,8 @@ if TYPE_CHECKING:
     from swim2real.pipeline import TrackedVideo
     from swim2real.rl.training import TrainingProgress
 
+_BAR = 16  # characters of the bar of a run, whose line has 80 at most
+_RUN_LINES = 5.0  # s between plain lines of a run
 _FILM_LINES = 5.0  # s between plain lines of a video
 _TRAINING_LINES = 10.0  # s between plain lines of a training
 
@@ -81,21 +83,24 @@ def _run_lines(budget: int | None, quiet: bool) -> Generator[RunCallbacks]:
             if event.kind != "received" and (event.kind == "warning" or not quiet):
                 console.print(_event_line(event))
 
+        printed = -math.inf
+
         def print_line(p: Progress) -> None:
-            if not quiet and (p.budget is not None or p.improved):
+            nonlocal printed
+            now, last = time.monotonic(), p.budget is not None and p.done >= p.budget
+            if not quiet and (p.done == 1 or last or now - printed > _RUN_LINES):
+                printed = now
                 console.print(_run_line(p))
 
         yield RunCallbacks(print_line, print_event)
         return
-    columns = (_Words("calibrating"), BarColumn(), MofNCompleteColumn(), _Words("{task.fields[text]}"))
+    columns = (BarColumn(_BAR), MofNCompleteColumn(), _Words("{task.fields[text]}"))
     with Bar(*columns, console=console) as bar:
         task = bar.add_task("", total=budget, text="first evaluation")
 
         def update(p: Progress) -> None:
-            text = f"best {1e3 * p.best:.1f} mm, {_left_of(p)}"
-            bar.update(task, completed=p.done, total=None if p.budget is None else max(p.budget, p.done), text=text)
-            if p.improved and not p.replayed:
-                bar.console.print(_run_line(p))
+            total = None if p.budget is None else max(p.budget, p.done)
+            bar.update(task, completed=p.done, total=total, text=_state(p))
 
         def update_event(event: AdvisorEvent) -> None:
             if event.kind == "asks":
@@ -107,26 +112,23 @@ def _run_lines(budget: int | None, quiet: bool) -> Generator[RunCallbacks]:
 
 
 def _run_line(p: Progress) -> str:
-    how = str(p.note.get("source", ""))
-    if "start" in p.note:
-        how += f" of start {p.note['start']}" if "stage" in p.note else f" {p.note['start']}"
-    if "round" in p.note:
-        how = f"round {p.note['round']}, step {p.note['step_size']:g}"
-    kind = "read" if p.replayed else "best" if p.improved else "    "
-    loss = f"{1e3 * p.loss:.1f}"
-    return (
-        f"{p.done:4d}{f'/{p.budget}' if p.budget else ''} {kind} {loss:>7} mm  (best {1e3 * p.best:.1f} mm, {how}, "
-        f"{_left_of(p)})"
-    )
+    return f"{p.done:4d}{f'/{p.budget}' if p.budget else ''}  {_state(p)}"
 
 
-def _left_of(p: Progress) -> str:
+def _state(p: Progress) -> str:
+    """State of a search in a few words: the error of the best, how many starts agree, the time left."""
     from swim2real.optimizers.enough import agreeing
 
-    left = "" if p.seconds_left is None else f"about {_clock(p.seconds_left)} left"
-    if p.budget or not p.ends:
-        return left
-    return f"{agreeing(p.ends)} of {len(p.ends)} finished starts agree, {left}"
+    parts = ["diverged so far" if p.error is None else f"best {1e3 * p.error:.1f} mm"]
+    if p.replayed:
+        parts.append("read from the record")
+    elif len(p.ends) > 1:
+        parts.append(f"{agreeing(p.ends)} of {len(p.ends)} starts agree")
+    elif "round" in p.note:
+        parts.append(f"round {p.note['round']}")
+    if p.seconds_left is not None and not p.replayed:
+        parts.append(f"{_clock(p.seconds_left)} left" if p.budget else f"at most {_clock(p.seconds_left)} left")
+    return ", ".join(parts)
 
 
 def _event_line(event: AdvisorEvent) -> str:

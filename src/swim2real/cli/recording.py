@@ -50,35 +50,17 @@ def import_recording(
     for option, values in (("control-tables", control_tables), ("frequency", frequency)):
         one_each(option, values, len(tables), "tables")
     finite_above_0("frequency", *frequency, unit=" Hz")
-    from markertrack.span import spans
+    from swim2real import pipeline
     from swim2real.checks.mistakes import judged
-    from swim2real.pipeline.recording import Recorded, Wanted, recorded
     from swim2real.robots import load_robot
-    from swim2real.trials import TrialSet, load_reference
-    from swim2real.trials.log_table import read_log
-    from swim2real.trials.reference import INDEX, add_trial, check_folder
-    from swimbase.names import composed
+    from swim2real.trials import TrialSet
 
-    stretches = spans(begin, until, len(tables), "tables")
     body = load_robot(robot, markers_only=True)
-    wanted = Wanted.of(body, time, controls, sensors, markers)
-    names = [composed(path.stem) for path in tables]
-    if len(set(names)) < len(names):
-        raise ArgumentError(f"two tables would make a trial of the same name ({', '.join(names)}); rename one")
-    for name in names:
-        check_folder(to, name, body.marker_names)
-    there = {trial.name: trial for trial in load_reference(to)} if (to / INDEX).is_file() else {}
-    made: list[Recorded] = []
-    for i, (name, path) in enumerate(zip(names, tables, strict=True)):  # all are read before any is written
-        commands = read_log(control_tables[i]) if control_tables else None
-        made.append(
-            recorded(
-                name, read_log(path), body, wanted, span=stretches[i], from_first_row=bool(begin), commands=commands,
-                tracked=there.get(name), frequency=frequency[i] if frequency else None,
-            )
-        )  # fmt: skip
+    made = pipeline.import_recording(
+        tables, body, to, time=time, controls=controls, sensors=sensors, markers=markers,
+        control_tables=control_tables, frequency=frequency, begin=begin, until=until,
+    )  # fmt: skip
     for one, path in zip(made, tables, strict=True):
-        add_trial(to, one.trial, body.marker_names)
         say(f"{one.trial.name}: {one.rows} rows of {path}; the trial has {one.trial.track.duration:.2f} s")
         say(f"  {', '.join(f'{what} from {column}' for what, column in one.columns.items())}")
         for note in (*(f"{stream} at {clock}" for stream, clock in one.trial.timebases.items()), *one.notes):

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 from tyro.conf import Positional
 
-from swim2real import consent
 from swim2real.cli import options as opt
 from swim2real.cli.options import PUBLISHED, word
 from swim2real.cli.terminal import say
@@ -116,34 +115,15 @@ def export_model(
     Args:
         out: MJCF file to write (.xml).
     """
-    import mujoco
-
+    from swim2real import api
     from swim2real.cli.subject import heed, robot_for
     from swim2real.parameters import read_parameters
-    from swim2real.robots.compiled import largest_difference
-    from swim2real.robots.mjcf_files import outside
-    from swim2real.viewing.scenery import furnish
-    from swimbase.store import write_text, writing
 
     body = robot_for(parameters, robot)
     heed(parameters, anyway, "export it")
     published = str(parameters) == PUBLISHED
     values = body.space.published if published else read_parameters(parameters, body.name, body.space).values
-    spec = body.build(values)
-    if body.source is not None:  # assets are found from anywhere
-        for folder in ("meshdir", "texturedir"):
-            setattr(spec, folder, str((body.source.parent / spec.modelfiledir / getattr(spec, folder)).resolve()))
-    furnish(spec)
-    model = spec.compile()
-    with writing(out, ArgumentError, what="--out"):
-        write_text(out, spec.to_xml())
-    named = outside(out)  # where the assets are of a model that has been allowed
-    if named is not None:
-        consent.require(named, allowed=True)
-    try:
-        name, gap = largest_difference(model, mujoco.MjSpec.from_file(str(out)).compile())
-    except ValueError as error:
-        raise RobotError(f"MuJoCo can't read its own '{out}' back: {error}") from error
+    name, gap = api.export_model(values, body, out)
     exact = "all numbers read back the same" if not gap else f"numbers read back within {gap:.1g}, relative ({name})"
     late = [f"{name} = {values[name]:g} s" for name in body.delays]
     told = f"; delays are no part of a model, so these aren't in it: {', '.join(late)}" if late else ""

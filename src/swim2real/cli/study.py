@@ -54,7 +54,7 @@ def identify(
     opened = reopen(run, load_reference(reference), studied, all_cores(threads))
     begins = again or not (run / IDENTIFIABILITY).is_file()  # else it was said before, or nothing is left to simulate
     if begins and not quiet and len(ends_of(opened.folder.record(), opened.folder.outcome())) < 2:
-        tell("the run has followed fewer than two starts to the end, so no parameter will count as identified; Ctrl-C, "
+        tell("the run has followed fewer than two starts to the end, so no parameter will count as determined; Ctrl-C, "
              "and swim2real calibrate --resume without --budget follows more")  # fmt: skip
     study = study_shown(opened, settings, again, quiet)
     if study is None:
@@ -117,8 +117,10 @@ def _print_so_far(run: FinishedRun) -> None:
             say(f"So far, lowest {1e3 * lowest:.2f} mm; too few evaluations to say how well parameters are known.")
             return
         rows = [(name, f"{low:.3g} to {high:.3g}") for name, (low, high) in ranges.items()]
-        say(f"So far, lowest {1e3 * lowest:.2f} mm. The error rises by less than a tenth within, all others following:")
-        tables.table("", ("parameter", "within"), rows)
+        say(
+            f"So far, lowest {1e3 * lowest:.2f} mm. The error rises by less than a tenth between, all others following:"
+        )
+        tables.table("", ("parameter", "fits about as well"), rows)
 
 
 def ensemble(
@@ -261,10 +263,10 @@ def _print(study: Study) -> None:
     if study.doubt:
         say(f"{study.doubt}.")
     rows = [
-        (name, one.verdict, "{:.3g} to {:.3g}".format(*one.interval_95), f"{100 * one.width:.0f} %")
+        (name, one.known, "{:.3g} to {:.3g}".format(*one.interval_95), f"{100 * one.width:.0f} %")
         for name, one in study.intervals.items()
     ]  # fmt: skip
-    tables.table("Sets that fit", ("parameter", "determined", "95 % interval", "of range"), rows)
+    tables.table("Sets that fit", ("parameter", "known", "95 % interval", "of range"), rows)
     found = study.directions
     shown = found[:_DIRECTIONS] + found[_DIRECTIONS:][-_DIRECTIONS:]
     tables.table(

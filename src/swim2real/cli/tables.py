@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import math
+import textwrap
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from rich.box import SIMPLE_HEAD
+from rich.cells import cell_len
 from rich.console import Console
-from rich.table import Table
 from rich.text import Text
 
 from swim2real.cli.terminal import say
@@ -36,10 +35,11 @@ class PlainConsole(Console):
 console = PlainConsole()
 MOST_COLUMNS = 10  # markers with a column each; of more only the worst are named
 _WORST = "worst first"
-_WHOLE = 32  # characters of a name that isn't broken; numbers wrap in its place
-_WIDE = 10_000  # characters of a line, in which any table is whole
-_UNDETERMINED = 0.8  # share of its bounds within which a parameter may be anywhere
-_TEXTS = ("driven by", "finding", _WORST)  # columns of words
+_GAP = 2  # characters between columns
+_MOST_ROWS = 16  # of parameters at the end of a run
+UNDETERMINED = "undetermined by these trials"
+_NARROW = 24  # characters to which a column of words may shrink
+_TEXTS = ("driven by", "finding", "parameters", _WORST)  # columns of words
 
 
 def progress_console() -> PlainConsole:
@@ -68,22 +68,72 @@ def percent(share: float | None) -> str:
     return f"{100 * share:.0f}" if share else "–"
 
 
-def table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    """Prints a table whose first column is text and whose others are numbers."""
-    out = Table(
-        title=title, title_justify="left", title_style="bold",
-        box=SIMPLE_HEAD, padding=(0, 1), collapse_padding=True, pad_edge=False,
-    )  # fmt: skip
-    names = (*columns[0].split(), *(row[0].partition("\n")[0] for row in rows))
-    whole = min(max(map(len, names)), _WHOLE)
-    for i, column in enumerate(columns):
-        justify = "left" if i == 0 or column in _TEXTS else "right"
-        out.add_column(column, justify=justify, overflow="fold")
-    for row in rows:
-        out.add_row(*row)
-    if console.measure(out, options=console.options.update(width=_WIDE)).maximum > console.width:  # the others wrap
-        out.columns[0].width = whole
-    console.print(out)
+def table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]], spare: Sequence[str] = ()) -> None:
+    """Prints a table whose first column is text and whose others are numbers, none of which is ever cut.
+
+    Where a line is too narrow, spare columns are left out, then columns of words wrap, and then each row is a list of
+    its own.
+
+    Args:
+        title: Title of the table; empty for none.
+        columns: Headers.
+        rows: Cells; those of the first column may have several lines.
+        spare: Columns that are left out where a line is too narrow, the first ones first.
+    """
+    shown = [[visible(cell) for cell in row] for row in (columns, *rows)]
+    if title:
+        console.print(Text(visible(title), style="bold"))
+    kept, left_out = list(range(len(columns))), list[str]()
+    for name in (*spare, None):
+        cells = [[row[i] for i in kept] for row in shown]
+        widths = [max(cell_len(line) for row in cells for line in row[i].split("\n")) for i in range(len(kept))]
+        room = console.width - (sum(widths) + _GAP * (len(kept) - 1))
+        wordy = [i for i, k in enumerate(kept) if columns[k] in _TEXTS]
+        if room < 0 and wordy and widths[wordy[-1]] + room >= _NARROW:
+            widths[wordy[-1]] += room
+            room = 0
+        if room >= 0:
+            _draw(cells, widths, wordy)
+            break
+        if name is not None:
+            kept.remove(columns.index(name))
+            left_out.append(name)
+    else:
+        _list(shown)
+        left_out = []
+    if left_out:
+        console.print(Text(f"Left out in so narrow a window: {visible(', '.join(left_out))}."))
+    console.print()
+
+
+def _draw(cells: Sequence[Sequence[str]], widths: Sequence[int], wordy: Sequence[int]) -> None:
+    """Prints cells in columns, the first row as headers."""
+    for number, row in enumerate(cells):
+        parts = [
+            textwrap.wrap(cell, width) or [""] if i in wordy else cell.split("\n")
+            for i, (cell, width) in enumerate(zip(row, widths, strict=True))
+        ]
+        for level in range(max(map(len, parts))):
+            line = list[str]()
+            for i, (part, width) in enumerate(zip(parts, widths, strict=True)):
+                text = part[level] if level < len(part) else ""
+                room = " " * (width - cell_len(text))
+                line.append(text + room if i == 0 or i in wordy else room + text)
+            text = Text((" " * _GAP).join(line).rstrip(), style="" if number else "underline")
+            console.print(text, soft_wrap=True)
+
+
+def _list(cells: Sequence[Sequence[str]]) -> None:
+    """Prints rows as lists of their cells, each after its header."""
+    headers, *rows = cells
+    for first, *others in rows:
+        numbers = ", ".join(f"{header} {cell}" for header, cell in zip(headers[1:], others, strict=True) if cell)
+        text = f"{' '.join(first.split())}: {numbers}"
+        wrapped = textwrap.wrap(
+            text, console.width, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False
+        )
+        for line in wrapped:
+            console.print(Text(line), soft_wrap=True)
 
 
 def by_marker(
@@ -142,9 +192,8 @@ def figures(content: FitFigures, title: str, sensors: Sequence[Sensor]) -> None:
         columns = {name: f for name, f in (known | compared).items() if name in shown and f.of in parts and f.per_trial}
         if columns:
             headings = ("trial", *(f.short if f.unit in ("mm", "mm/s") else f.column for f in columns.values()))
-            table(
-                heading, headings, [(name, *(f.text(t[c]) for c, f in columns.items())) for name, t in trials.items()]
-            )
+            numbers = [(name, *(f.text(t[c]) for c, f in columns.items())) for name, t in trials.items()]
+            table(heading, headings, numbers)
     for name, trial in content.trials.items():
         if trial.divergence:
             say(f"{name}: {trial.divergence}")
@@ -156,48 +205,46 @@ def marker_errors(content: FitFigures, names: Sequence[str]) -> None:
     by_marker("Aligned error per marker [mm]", names, ("trial",), (), rows, millimeters)
 
 
-def truth(
-    found: Mapping[str, float], hidden: Mapping[str, float], intervals: Mapping[str, tuple[float, float]]
-) -> None:  # fmt: skip
-    """Prints the values that were found beside the ones that were hidden, and whether intervals hold these."""
-    rows: list[tuple[str, ...]] = []
-    for name, value in hidden.items():
-        low, high = intervals.get(name, (math.nan, math.nan))
-        interval = f"{low:.3g} to {high:.3g}{'' if low <= value <= high else ' (missed)'}" if name in intervals else "–"
-        rows.append((name, f"{found[name]:.3g}", f"{value:.3g}", interval))
-    table("Found, and what was hidden", ("parameter", "found", "hidden", "95 % interval"), rows)
-
-
-def parameters(rows: Sequence[ParameterRow], ranges: Mapping[str, Sequence[float]]) -> None:
-    """Prints the values that a run has found beside the model's, and how well the trials determine them.
+def parameters(rows: Sequence[ParameterRow], interval: str, hidden: Mapping[str, float] | None = None) -> None:
+    """Prints what a run has found of each parameter and between which values it may lie; of many the best known ones.
 
     Args:
         rows: One per parameter.
-        ranges: Values within which the error rises by less than a tenth, by name, where they are known.
+        interval: Name of the rows' intervals; empty where they have none.
+        hidden: Values that are to be found, by name, where they are known.
     """
     cells: list[tuple[str, ...]] = []
-    for row in rows:
-        p, ends = row.parameter, ranges.get(row.parameter.name)
-        wide = ends is not None and ends[1] - ends[0] >= _UNDETERMINED * (p.upper - p.lower)
-        within = "–" if ends is None else f"{ends[0]:.4g} to {ends[1]:.4g}{': undetermined' if wide else ''}"
-        cells.append((p.name, f"{p.published:.4g}", f"{row.value:.4g}", p.unit, row.bound or "–", within))
-    table(
-        "Parameters; the error rises by less than a tenth within the last column, all others following",
-        ("parameter", "model", "found", "unit", "on bound", "within"), cells,
-    )  # fmt: skip
-    if not ranges:
-        say("How well the trials determine them: `swim2real identify`, or a search by least squares (the default).")
+    for row in sorted(rows, key=lambda row: row.known == "undetermined") if len(rows) > _MOST_ROWS else rows:
+        name, ends = row.parameter.name, row.interval
+        span = "" if ends is None else f"{ends[0]:.4g} to {ends[1]:.4g}"
+        if hidden is None and row.known == "undetermined":
+            span = UNDETERMINED
+        elif hidden is None and row.bound:
+            span += f"{', ' if span else ''}on its {row.bound} bound"
+        truth = () if hidden is None else (f"{hidden[name]:.3g}", "yes" if _inside(hidden[name], ends) else "no")
+        cells.append((name, row.unit, f"{row.value:.4g}", span or "–", *truth))
+    columns = ("parameter", "unit", "value", interval or "note", *(("hidden", "inside") if hidden is not None else ()))
+    table("", columns, cells[:_MOST_ROWS], ("unit", "inside") if hidden is not None else ("unit",))
+    if len(cells) > _MOST_ROWS:
+        say(f"{len(cells) - _MOST_ROWS} more parameters are on the page.")
+    if hidden is not None and interval:
+        inside = sum(_inside(hidden[row.parameter.name], row.interval) for row in rows)
+        say(f"{inside} of {len(rows)} hidden values lie inside.")
+
+
+def _inside(value: float, ends: tuple[float, float] | None) -> bool:
+    return ends is not None and ends[0] <= value <= ends[1]
 
 
 def sensitivities(found: Sequence[Sensitivity]) -> None:
     """Prints each parameter's effect on the loss."""
     table(
         "Effect on the loss of a tenth of a parameter's range [mm]",
-        ("parameter", "down", "up", "speed", "verdict"),
+        ("parameter", "down", "up", "speed"),
         [
             (
                 s.name, millimeters(s.lower), millimeters(s.upper),
-                "–" if s.speed is None else f"{100 * s.speed:+.1f} %", s.verdict,
+                "–" if s.speed is None else f"{100 * s.speed:+.1f} %",
             )
             for s in found
         ],

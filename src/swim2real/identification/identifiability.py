@@ -27,6 +27,7 @@ from swim2real.identification.finished_run import FinishedRun
 from swim2real.identification.posterior import BATCH, Posterior, draw, first_points
 from swim2real.optimizers.enough import AGREEMENT, agreeing
 from swim2real.parameters import Values
+from swim2real.parameters.known import Known, known
 from swim2real.robots.robot import Robot
 from swim2real.settings import IdentifiabilitySettings
 from swim2real.simulation import Simulator, Swim
@@ -36,13 +37,12 @@ from swimbase.arrays import Array
 from swimbase.checking import read
 from swimbase.errors import RunError
 
-FORMAT = 2
+FORMAT = 3
 IDENTIFIABILITY = "identifiability.json"
 IDENTIFIED = "identified.json"  # the parameters file of the lowest point that was seen
 EVALUATED = "identifiability.npz"  # evaluated points with their residuals, from which an interrupted study goes on
 _WIDER = 2.5  # times as wide as the draws' own, 95 % intervals hold 95 % of known truths (interval_coverage.py)
 _SHARES = {"50": (25.0, 75.0, 1.15), "95": (2.5, 97.5, _WIDER)}  # percentiles of the draws, and how much wider
-_KNOWN, _OPEN = 0.25, 0.8  # of the range: widest 95 % interval of an identified parameter, narrowest of an unknown one
 _FAR = 15.0  # times the noise of the markers; residuals of true values are 8 to 13 times as large in demo and snake
 _AT_NOISE = 2.0  # times it: where so little is left, no other minimum can be much lower
 _NAMED = 0.8  # of a direction's square that its named parameters hold
@@ -66,14 +66,14 @@ class Interval(BaseModel):
         interval_50: Holds the middle half of the sets.
         interval_95: Is as wide as it takes to hold 95 % of known true values.
         width: Of the latter, as a share of the parameter's range.
-        verdict: identified, weak or not identified.
+        known: How well the trials determine it, as `parameters.known` defines it.
     """
 
     median: FiniteFloat
     interval_50: tuple[FiniteFloat, FiniteFloat]
     interval_95: tuple[FiniteFloat, FiniteFloat]
     width: FiniteFloat
-    verdict: Literal["identified", "weak", "not identified"]
+    known: Known
 
 
 class Direction(BaseModel):
@@ -113,7 +113,7 @@ class Study(BaseModel, extra="allow"):
         directions: The best determined one first.
         determined: Number of directions that the trials determine.
         noise: Noise of the markers, or of the readings where there are none [m].
-        doubt: Why no parameter counts as identified, in a sentence; empty where some may.
+        doubt: Why no parameter counts as determined, in a sentence; empty where some may.
         misfit: Root of the lowest mean square of the residual [m].
         weight: What the mean square of one trial's residual counts in the draws' likelihood [1/m²].
         draws: Points of the unit cube, as likely as they fit.
@@ -121,7 +121,7 @@ class Study(BaseModel, extra="allow"):
         speeds: What the sets predict, for robots whose trials have a beat.
     """
 
-    format: Literal[2]
+    format: Literal[3]
     parameters: list[str]
     complete: bool
     evaluations: NonNegativeInt
@@ -312,7 +312,7 @@ class _Studying:
                     "median": float(median[i]),
                     **{f"interval_{share}": [float(end[i]) for end in both] for share, both in values.items()},
                     "width": float(within["95"][1][i] - within["95"][0][i]),
-                    "verdict": _verdict(float(within["95"][1][i] - within["95"][0][i]), not doubt),
+                    "known": known(float(within["95"][1][i] - within["95"][0][i]), not doubt),
                 }
             )
             for i, name in enumerate(space.names)
@@ -380,7 +380,7 @@ def interval(draws: Array, share: str) -> Array:
 
 
 def doubted(misfit: float, noise: float | None, lowest: float, ends: Sequence[float]) -> str:
-    """Why no parameter counts as identified; empty where some may.
+    """Why no parameter counts as determined; empty where some may.
 
     Args:
         misfit: Root of the lowest mean square of the residual [m].
@@ -407,13 +407,9 @@ def doubted(misfit: float, noise: float | None, lowest: float, ends: Sequence[fl
     else:
         return ""
     return (
-        f"No parameter counts as identified: {why}. Search on with swim2real calibrate --resume, without --budget, or "
+        f"No parameter counts as determined: {why}. Search on with swim2real calibrate --resume, without --budget, or "
         f"from another --seed; where that finds nothing, the model lacks something"
     )
-
-
-def _verdict(width: float, explained: bool) -> str:
-    return "not identified" if width >= _OPEN else "identified" if width <= _KNOWN and explained else "weak"
 
 
 def directions(draws: Array, names: Sequence[str]) -> list[Direction]:

@@ -262,6 +262,15 @@ class FitFigures(Figures):
     horizon: Positive | None = None
     trials: dict[str, TrialFigures] = {}
 
+    @property
+    def error(self) -> float | None:
+        """Error of the fit [m]: the loss, without what it adds to a swim that goes tail first. None if one diverged."""
+        if any(trial.divergence for trial in self.trials.values()):
+            return None
+        name = {"motion": "motion_error", "paper": "marker_error"}.get(self.protocol, "aligned_marker_error")
+        error = None if self.sensor_errors else getattr(self, name)
+        return self.loss if error is None else error
+
 
 FIGURES: dict[str, Figure] = {
     name: figure

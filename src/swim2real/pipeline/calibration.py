@@ -54,7 +54,7 @@ def calibrate(
         resume: Go on with the run that is there.
         sensitivity: Also measure each parameter's effect on the loss, outside the budget.
         access: How a VLM is reached and what it may take.
-        on_progress: Called after every evaluation.
+        on_progress: Called after every evaluation; `progress.stop()` in it ends the search, which is concluded.
         on_advisor: Called as a VLM is asked and answers.
         on_warning: Called with a sentence for all that is probably wrong with the trials; None doesn't look.
 

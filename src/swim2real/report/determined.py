@@ -12,7 +12,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from swim2real.formatting import listed
-from swim2real.identification.identifiability import Direction, Interval
+from swim2real.identification.identifiability import Direction
 from swim2real.report.pages import Charts
 from swim2real.report.run import ReportedRun
 from swim2real.report.style import COLUMN, LIGHT, THIRD, chart_name, new_chart, new_figure, paper_style
@@ -35,18 +35,16 @@ class Determined:
     Attributes:
         evaluations: That it took.
         number: Number of directions that the trials determine.
-        intervals: By parameter.
         places: Ends of the 95 % intervals within the bounds, from 0 to 1, by parameter.
         known: Combinations that are determined, in words.
         open: Those that are not.
         pairs: Names of the charts of pairs.
         lower: How much lower the study's lowest loss is than the run's [m].
-        doubt: Why no parameter counts as identified; empty where some may.
+        doubt: Why no parameter counts as determined; empty where some may.
     """
 
     evaluations: int
     number: float
-    intervals: Mapping[str, Interval]
     places: Mapping[str, tuple[float, float]]
     known: tuple[str, ...]
     open: tuple[str, ...]
@@ -57,8 +55,8 @@ class Determined:
 
 def determined(run: ReportedRun) -> tuple[Determined, Charts] | None:
     """The study's section and its charts; None without a complete study."""
-    study = run.study
-    if study is None or not study.complete or set(study.intervals) != set(run.space.names):
+    study = run.studied
+    if study is None:
         return None
     draws = np.array(study.draws)
     charts: Charts = {
@@ -70,7 +68,7 @@ def determined(run: ReportedRun) -> tuple[Determined, Charts] | None:
     known = tuple(_worded(one) for one in combined if one.spread <= _KNOWN)
     left = tuple(_worded(one) for one in reversed(combined) if one.spread >= _OPEN)
     return Determined(
-        study.evaluations, study.determined, study.intervals, places, known, left, tuple(charts),
+        study.evaluations, study.determined, places, known, left, tuple(charts),
         max(run.best.loss - study.lowest.loss, 0.0), study.doubt,
     ), charts  # fmt: skip
 

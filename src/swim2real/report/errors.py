@@ -117,7 +117,7 @@ class MarkerErrors:
     Attributes:
         key: A short name, such as `aligned`.
         label: Name of the error as it is shown.
-        note: What it tells, in a sentence.
+        note: Its meaning, in a sentence.
         trials: F names.
         held_out: Whether each trial was left out of the fit. Length F.
         values: [m], NaN for a marker that never counts. Shape (F, M).

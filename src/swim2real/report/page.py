@@ -17,7 +17,7 @@ from swim2real.report.pages import Charts, PageContext, write_page
 from swim2real.report.rounds import AdvisorRound, CallSection, advisor_rounds, call_section
 from swim2real.report.run import ReportedRun, read_run
 from swim2real.report.run_charts import by_marker, convergence, drawn_trials, speeds, trial_charts
-from swim2real.report.tables import ParameterRow, TrialTable, parameter_rows, settings_rows, trial_table
+from swim2real.report.tables import ParameterRow, TrialTable, interval_name, parameter_rows, settings_rows, trial_table
 from swim2real.robots.robot import Robot
 
 REPORT = "report.html"
@@ -35,6 +35,7 @@ class RunPage(PageContext):
     rows: tuple[ErrorRow, ...]
     errors: tuple[MarkerErrors, ...]
     parameters: tuple[ParameterRow, ...]
+    intervals: str
     determined: Determined | None
     rounds: tuple[AdvisorRound, ...]
     calls: CallSection | None
@@ -82,6 +83,7 @@ def page_context(run: ReportedRun) -> RunPage:
         rows=error_rows(run),
         errors=errors,
         parameters=parameter_rows(run),
+        intervals=interval_name(run),
         determined=found,
         rounds=advisor_rounds(run),
         calls=call_section(run.calls),

@@ -133,6 +133,12 @@ class ReportedRun:
         return judge(fitted, self.robot, search, self.of_best.noise, self.of_best.from_rest)
 
     @property
+    def studied(self) -> Study | None:
+        """The study, if it is complete and of these parameters."""
+        study = self.study
+        return study if study is not None and study.complete and set(study.intervals) == set(self.space.names) else None
+
+    @property
     def budget(self) -> int | None:
         """Evaluations that end it; None for a search that ends when it is done."""
         return None if self.settings.finish else self.settings.budget

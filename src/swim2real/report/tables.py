@@ -10,6 +10,7 @@ from swim2real.calibration import Sensitivity
 from swim2real.formatting import NOTHING, degrees, mm, number, significant, spread
 from swim2real.objective.figures import SENSORS, UNSIMULATED, Figure, figures_for, sensor_figure
 from swim2real.parameters import Parameter
+from swim2real.parameters.known import Known, known
 from swim2real.report.run import ReportedRun, ReportedTrial
 from swim2real.robots.robot import Sensor
 from swim2real.settings import asks_a_vlm
@@ -38,7 +39,10 @@ class ParameterRow:
         value: At the best parameters.
         position: Within the bounds on the run's scale, from 0 to 1.
         published_position: Position of the published value.
-        effect: What a step does; None where that wasn't determined.
+        effect: What a step does; None where that wasn't measured.
+        interval: Its 95 % interval in a run that was studied; else values at which the error rises by a tenth, all
+            other parameters following, in its unit. None where neither is known.
+        known: How well the trials determine it, which is at most roughly without a study; None without an interval.
     """
 
     parameter: Parameter
@@ -46,6 +50,8 @@ class ParameterRow:
     position: float
     published_position: float
     effect: Sensitivity | None
+    interval: tuple[float, float] | None = None
+    known: Known | None = None
 
     @property
     def unit(self) -> str:
@@ -68,9 +74,27 @@ def parameter_rows(run: ReportedRun) -> tuple[ParameterRow, ...]:
     published = run.space.to_cube({p.name: min(max(p.published, p.lower), p.upper) for p in run.space})
     positions = run.space.to_cube(run.best.values)
     return tuple(
-        ParameterRow(p, run.best.values[p.name], float(position), float(there), effects.get(p.name))
-        for p, position, there in zip(run.space, positions, published, strict=True)
+        ParameterRow(p, run.best.values[p.name], float(at), float(there), effects.get(p.name), *_known(run, p.name))
+        for p, at, there in zip(run.space, positions, published, strict=True)
     )
+
+
+def interval_name(run: ReportedRun) -> str:
+    """Name of the intervals of `parameter_rows`; empty where they aren't known."""
+    return "95 % interval" if run.studied is not None else "fits about as well" if run.of_best.ranges else ""
+
+
+def _known(run: ReportedRun, name: str) -> tuple[tuple[float, float] | None, Known | None]:
+    """The interval of a parameter, and how well it is known."""
+    if run.studied is not None:
+        one = run.studied.intervals[name]
+        return one.interval_95, one.known
+    ends = run.of_best.ranges.get(name)
+    if ends is None:
+        return None, None
+    at = list(run.space.names).index(name)
+    low, high = (float(run.space.to_cube({**run.best.values, name: end})[at]) for end in ends)
+    return ends, known(high - low, sure=False)
 
 
 @dataclass(frozen=True)

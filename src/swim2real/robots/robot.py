@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markertrack.layout import Layout
+from swim2real.formatting import html_table, significant
 from swim2real.parameters import ParameterSpace, Values
 from swim2real.robots.drives import Drive
 from swim2real.robots.targets import Delay, Delays, Target
@@ -313,6 +314,18 @@ class Robot:
     delays: Mapping[str, tuple[Delay, ...]] = field(default_factory=dict[str, tuple[Delay, ...]])
     source: Path | None = None
     targets: Mapping[str, tuple[Target, ...]] = field(default_factory=dict[str, tuple[Target, ...]])
+
+    def __repr__(self) -> str:
+        kind = "steady swims" if self.trials.steady else "recordings"
+        return f"<Robot {self.name}: {len(self.space)} parameters, {len(self.marker_names)} markers, {kind}>"
+
+    def _repr_html_(self) -> str:
+        rows = [
+            (p.name, "" if p.unit == "-" else p.unit, significant(p.lower), significant(p.upper),
+             significant(p.published), p.meaning)
+            for p in self.space
+        ]  # fmt: skip
+        return html_table(repr(self), ("parameter", "unit", "lower", "upper", "value", "meaning"), rows)
 
     def __getstate__(self) -> dict[str, object]:
         """Without what is compiled, which another process compiles when it needs it."""

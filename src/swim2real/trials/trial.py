@@ -12,6 +12,7 @@ from pydantic import Field
 
 from markertrack.span import Span
 from markertrack.track import MarkerTrack
+from swim2real.formatting import html_table, listed, number
 from swim2real.trials.signals import MEMORY, Signals
 from swim2real.trials.timebase import TABLES, Timebase
 from swimbase.checking import Number, Positive, did_you_mean
@@ -125,6 +126,9 @@ class Trial:
     midline: bool = False
     first_beats: float | None = None
 
+    def __repr__(self) -> str:
+        return f"<Trial {self.name}: {self.track.duration:.2f} s, {self.track.frame_count} frames>"
+
     @property
     def fps(self) -> float:
         """Frames a second, from the median interval of the time stamps."""
@@ -213,6 +217,19 @@ class TrialSet:
         for name in self.marker_names:
             if fault := label_fault(name):
                 raise TrialError(f"marker name {quoted(name)} {fault}; give it another name")
+
+    def __repr__(self) -> str:
+        return f"<TrialSet of {len(self)} trials ({listed(self.names)}), {len(self.marker_names)} markers>"
+
+    def _repr_html_(self) -> str:
+        rows = [
+            (
+                one.name, f"{one.track.duration:.2f}", str(one.track.frame_count), number(one.nominal_frequency, 2),
+                listed(list(one.signals)) or "–",
+            )
+            for one in self
+        ]  # fmt: skip
+        return html_table(repr(self), ("trial", "s", "frames", "nominal Hz", "tables"), rows)
 
     def __iter__(self) -> Iterator[Trial]:
         return iter(self.trials)

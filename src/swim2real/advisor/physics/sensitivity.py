@@ -4,9 +4,9 @@ It knows no robot. It has single parameters changed one after the other, keeps a
 learns from every evaluation, and proposes what the model promises most of within a trust that grows and shrinks with
 its successes. When that fails it measures again, in smaller steps.
 
-It also says what the trials can't tell. A direction in the unit cube isn't identified when a change over the whole
+It also says what the trials don't determine. A direction in the unit cube is undetermined when a change over the whole
 range alters the residual by little: against what no change of the parameters explains, against the error of the
-measured differences, or against the direction that is identified best.
+measured differences, or against the direction that is determined best.
 """
 
 from __future__ import annotations
@@ -317,7 +317,7 @@ def _diagnosis(
     if alone:
         names = listed([space.names[i] for i in sorted(alone)], len(alone))
         them = "it" if len(alone) == 1 else "them"
-        sentences.append(f"It hardly answers to {names}: these trials don't tell {them} so far.")
+        sentences.append(f"It hardly answers to {names}: these trials don't determine {them} so far.")
     several = [direction for direction in unidentified if len(direction.members) > 1]
     return " ".join([*sentences, *(_combination(space, place, direction) for direction in several)])
 
