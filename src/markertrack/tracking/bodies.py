@@ -31,6 +31,7 @@ FEWEST = 0.25  # of a body's markers that may have no streak where the body is b
 MOST_REACH = 8.0  # radii within which a marker is looked for by its picture
 FAINT = 4.0  # radii of a streak, of which the ends are too faint to be seen
 ADAPT_TIME, ADAPT_WAY = 1.0, 200.0  # s and px over which a body's shape in the picture changes: perspective, lens
+SOFT = 1.0  # radii by which the shape of a body of many markers changed that isn't rigid
 FIRM = 0.1  # radii by which markers may be beside their places on a rigid body
 
 
@@ -67,6 +68,8 @@ class BodyTracker:
     def follow(self, image: Image, time: float) -> tuple[Array, Array]:
         """Finds the markers in the next frame."""
         check_order(time, self._time)
+        if not self._bodies:  # all were left
+            return np.full((len(self._numbers), 2), np.nan), np.zeros(len(self._numbers))
         predicted = [body.predicted(time) for body in self._bodies]
         expected = self._expected(predicted, [False] * len(predicted))
         spots, labeling = self._labeled(image, expected)
@@ -103,6 +106,11 @@ class BodyTracker:
             expected.append(Expected(places, body.pairs, spread, usual, swing, near, reach, tolerance, lost))
         return expected
 
+    def soft(self) -> list[NDArray[np.int64]]:
+        """Markers of each body that doesn't keep its shape."""
+        many = [body for body in self._bodies if len(body.markers) >= MANY]
+        return [body.markers for body in many if body.changed > SOFT * self._radius(body)]
+
     def parts(self) -> list[NDArray[np.int64]]:
         """Markers of each body."""
         return [body.markers for body in self._bodies]
@@ -111,6 +119,12 @@ class BodyTracker:
         """What the markers of a body look like and where it was last [px]."""
         body = next(body for body in self._bodies if body.markers[0] == markers[0])
         return self._looks.of(markers), body.history[-1][1]
+
+    def leave(self, markers: NDArray[np.int64]) -> tuple[Looks, Array]:
+        """Doesn't follow a body any longer, which is that of these markers: what is `known` of it."""
+        known = self.known(markers)
+        self._bodies = [body for body in self._bodies if body.markers[0] != markers[0]]
+        return known
 
     @property
     def radii(self) -> Array:

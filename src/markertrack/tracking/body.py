@@ -49,6 +49,11 @@ class Body:
         return distance(self.history[-1][1], self.history[-2][1])
 
     @property
+    def changed(self) -> float:
+        """By how much its shape differs from that in the first frame, for a quarter of its markers [px]."""
+        return float(np.quantile(np.linalg.norm(self.shape - self._first_shape, axis=1), GIVING))
+
+    @property
     def bend(self) -> float:
         """How much that step differs from the one before [px/frame]."""
         if len(self.history) < 3:

@@ -1,6 +1,7 @@
 """Tracks the markers of a robot whose trials are recordings: bodies of several by their shape, single ones by flow.
 
-A marker that its body can't place is followed by flow from where it was.
+A marker that its body can't place is followed by flow from where it was. A body that turns out not to keep its shape is
+left to flow from then on.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from markertrack.tracking.free import APART, CERTAIN, NEARBY, RATIO, FreeTracker
 from markertrack.tracking.looks import Looks
 from markertrack.tracking.tracker import DOUBT, REASONS, Array, Image, Mask
 
+FOUND = 0.7  # of the markers of a soft body, up to which it is left
 STREAK = 2.0  # radii that a marker moves in a frame, from which on it may be a streak
 
 
@@ -73,6 +75,7 @@ class MarkerTracker:
             doubled = self._doubled(places, tracker.radii, positions, np.where(confidence > DOUBT, self.radii, np.nan))
             positions[of], confidence[of] = places, np.where(doubled, np.minimum(sure, DOUBT), sure)
         if len(self._rigid):
+            self._leave_soft(image, positions, confidence, time)
             for part in self._bodies.parts():
                 self._ask_flow(image, time, part, positions, confidence)
         both = (confidence > DOUBT) & (self._last.confidence > DOUBT)
@@ -106,7 +109,10 @@ class MarkerTracker:
         certain &= np.linalg.norm(places - self._last.positions[of], axis=1) < STREAK * flowed.radii
         doubled = self._doubled(places, flowed.radii, positions, np.where(confidence > DOUBT, self.radii, np.nan))
         both, more = certain & believed, certain & ~believed & ~doubled
-        flowed.aliased |= both & (np.linalg.norm(places - positions[of], axis=1) > flowed.radii)
+        apart = both & (np.linalg.norm(places - positions[of], axis=1) > flowed.radii)
+        confidence[of[apart & flowed.followed]] = DOUBT  # flow brought it here, and the body says it is elsewhere
+        flowed.aliased |= apart & ~flowed.followed
+        flowed.followed = more | apart & flowed.followed
         positions[of[more]], confidence[of[more]] = places[more], sure[more]
         if believed.all():
             del self._doubted[key]
@@ -116,6 +122,17 @@ class MarkerTracker:
         """Which markers are at the place of another one, whose radius is known if its place is. Shapes (K,), (M,)."""
         near = np.linalg.norm(places[:, None] - others, axis=2) < APART * (radii[:, None] + known)
         return near.any(axis=1)
+
+    def _leave_soft(self, image: Image, positions: Array, confidence: Array, time: float) -> None:
+        """Leaves bodies that don't keep their shape to flow, when many of their markers aren't found any longer."""
+        for part in self._bodies.soft():
+            of, free = self._rigid[part], FreeTracker()
+            certain = confidence[of] > DOUBT
+            if certain.mean() > FOUND:
+                continue
+            looks, expected = self._bodies.leave(part)
+            free.take_over(image, looks, np.where(certain[:, None], positions[of], expected), certain, time)
+            self._parts.append((free, of))
 
 
 class _Frame(NamedTuple):
@@ -141,12 +158,14 @@ class _Flowed:
 
     Attributes:
         aliased: Markers that were where the last step led another one of the body: they may be that one. Shape (M,).
+        followed: Markers of which flow was believed in the last frame. Shape (M,).
     """
 
     def __init__(self, frame: _Frame, looks: Looks, places: Array, known: Mask, steps: Array) -> None:
         self._free, self._expected = FreeTracker(NEARBY), places + steps
         self._free.take_over(frame.image, looks, places, known, frame.time)
         self.aliased = np.zeros(len(places), dtype=bool)
+        self.followed = np.zeros(len(places), dtype=bool)
 
     @property
     def radii(self) -> Array:
