@@ -15,7 +15,7 @@ import argparse
 import platform
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from importlib.metadata import version
 from itertools import pairwise
@@ -30,15 +30,16 @@ from lattice_scenes import SCENES, random_film
 from lattice_truth import Array, Film
 from numpy.typing import NDArray
 
+from markertrack.both_ways import both_ways
 from markertrack.tracking.markers import MarkerTracker
 from markertrack.tracking.tracker import Tracker
-from markertrack.video import VideoReader
+from markertrack.video import Frame, VideoReader
 from swimbase.errors import TrackingError
 
-WARM_UP = 2  # frames of a film that aren't timed: compiled code is loaded
 DOUBTFUL = 0.5  # confidence below which a position is doubtful, as for `quality`
 FAR = 10.0  # px: what `benchmarks/tracking.py` calls a silent error
 SLOW = 5.0  # px a frame, below which a marker that isn't covered is plainly visible
+SURE = (0.5, 0.7, 0.9, 0.99, 1.01)  # confidences of which the share that is right is counted
 BANDS = (0.0, 5.0, 10.0, 20.0, 40.0, 60.0, np.inf)  # px a frame
 TRACKERS: dict[str, Callable[[Film], Tracker]] = {
     "detection": lambda film: MarkerTracker(film.bodies, film.fixed),
@@ -54,7 +55,7 @@ class Result:
         film: With the truth.
         found: Positions as reported [px]. Shape (T, M, 2).
         confidence: As reported. Shape (T, M).
-        track_time: Of the processor in the tracker, the first frames left out [s].
+        track_time: Of the processor in the tracker, the way back included [s].
         decode_time: In the video reader, likewise [s].
     """
 
@@ -123,8 +124,7 @@ class Result:
     @property
     def milliseconds(self) -> tuple[float, float]:
         """A frame of tracking and of decoding [ms]."""
-        count = max(len(self.found) - WARM_UP, 1)
-        return 1e3 * self.track_time / count, 1e3 * self.decode_time / count
+        return 1e3 * self.track_time / len(self.found), 1e3 * self.decode_time / len(self.found)
 
 
 def tracked(film: Film, tracker: Tracker) -> Result:
@@ -133,26 +133,27 @@ def tracked(film: Film, tracker: Tracker) -> Result:
     Raises:
         TrackingError: The tracker refuses the film.
     """
-    found: list[Array] = []
-    confidence: list[Array] = []
-    spent = waited = 0.0
+    waited = 0.0
+
+    def decoded(reader: VideoReader) -> Iterator[Frame]:
+        nonlocal waited
+        frames = iter(reader)
+        while True:
+            began = time.thread_time()  # all is done in this thread; what else the machine does counts little
+            frame = next(frames, None)
+            if frame is None:
+                return
+            _ = frame.image
+            waited += time.thread_time() - began
+            yield frame
+
     with VideoReader(film.path, threads=1) as reader:
-        began = time.thread_time()  # all is done in this thread; what else the machine does counts little
-        for frame in reader:
-            image = frame.image
-            came = time.thread_time()
-            if not found:
-                positions, sure = tracker.start(image, film.picks, frame.time)
-            else:
-                positions, sure = tracker.follow(image, frame.time)
-            if len(found) >= WARM_UP:
-                waited += came - began
-                spent += time.thread_time() - came
-            found.append(positions)
-            confidence.append(sure)
-            began = time.thread_time()
-    if len(found) != len(film.times):
-        raise SystemExit(f"'{film.name}': {len(film.times)} frames were filmed and {len(found)} came back")
+        began = time.thread_time()
+        seen = list(both_ways(tracker, decoded(reader), film.picks))
+        spent = time.thread_time() - began - waited
+    if len(seen) != len(film.times):
+        raise SystemExit(f"'{film.name}': {len(film.times)} frames were filmed and {len(seen)} came back")
+    _, found, confidence = zip(*seen, strict=True)
     return Result(film, np.array(found), np.array(confidence), spent, waited)
 
 
@@ -200,6 +201,16 @@ def summary(name: str, results: list[Result], refused: int) -> None:
         lost = sum(int((_band(r, low, high) & r.lost).sum()) for r in results)
         if seen:
             print(f"  - at {low:g} to {high:g} px a frame {lost} of {seen} ({100 * _share(lost, seen):.1f} %)")
+    confidence, right = (
+        np.concatenate([one[r.reported & r.film.visible] for r, one in pairs])
+        for pairs in ([(r, r.confidence) for r in results], [(r, ~r.wrong) for r in results])
+    )
+    for low, high in pairwise(SURE):
+        among = (confidence >= low) & (confidence < high)
+        if among.any():
+            print(
+                f"  - reported with {low:g} to {min(high, 1):g}: {among.sum()}, {100 * right[among].mean():.2f} % right"
+            )
     slowest = max(results, key=lambda r: r.longest)
     print(f"- in plain sight and lost for {slowest.longest:.2f} s at most, in '{slowest.film.name}'; for more "
           f"than 0.5 s in {sum(r.longest > 0.5 for r in results)} films")  # fmt: skip

@@ -21,6 +21,7 @@ import numpy as np
 from csrt import CsrtTracker
 from numpy.typing import NDArray
 
+from markertrack.both_ways import both_ways
 from markertrack.points import load_points
 from markertrack.tracking.markers import MarkerTracker
 from markertrack.tracking.tracker import Tracker
@@ -56,7 +57,7 @@ class LucasKanade:
 
 
 def judged(folder: Path, name: str) -> str:
-    """Cells of a table: usable, silent, RMSE and milliseconds of a tracker on a film."""
+    """Cells of a table: usable, silent, RMSE and milliseconds of a tracker and of decoding on a film."""
     video = next(path for path in folder.iterdir() if path.suffix in VIDEOS)
     robot = load_robot(str(next(folder.glob("*.toml"))), markers_only=True)
     truth = np.load(folder / "truth.npz")
@@ -67,25 +68,20 @@ def judged(folder: Path, name: str) -> str:
         "csrt": CsrtTracker(box=max(8, round(BOXES * radius))),
         "lk": LucasKanade(radius),
     }
-    tracker, found, sure, spent = trackers[name], [], [], 0.0
     with VideoReader(video, threads=1) as reader:
-        for frame in reader:
-            image, began = frame.image, time.thread_time()
-            if found:
-                places, confidence = tracker.follow(image, frame.time)
-            else:
-                start = load_points(folder / "clicks.json", robot.marker_names, reader.info.width, reader.info.height)
-                try:
-                    places, confidence = tracker.start(image, start.points, frame.time)
-                except TrackingError as error:
-                    return f"refused: {error} |  |  | "
-            spent += time.thread_time() - began
-            found.append(places)
-            sure.append(confidence >= 0.5)
+        start = load_points(folder / "clicks.json", robot.marker_names, reader.info.width, reader.info.height)
+        began = time.thread_time()
+        try:
+            seen = list(both_ways(trackers[name], reader, start.points))
+        except TrackingError as error:
+            return f"refused: {error} |  |  | "
+        spent = time.thread_time() - began
+    _, found, confidence = zip(*seen, strict=True)
+    sure = np.array(confidence) >= 0.5
     known = known[: len(found)]
     off = np.linalg.norm(np.array(found[: len(known)]) - known, axis=2)
     there = np.isfinite(known[..., 0])
-    usable = there & np.array(sure[: len(known)]) & np.isfinite(off)
+    usable = there & sure[: len(known)] & np.isfinite(off)
     silent = int((off[usable] > max(3.0, radius / 2)).sum())
     rmse = np.sqrt(np.mean(off[usable] ** 2)) if usable.any() else np.nan
     return f"{100 * usable.sum() / there.sum():.1f} % | {silent} | {rmse:.2f} | {1e3 * spent / len(found):.1f}"
