@@ -162,7 +162,7 @@ def read_bytes(path: Path) -> bytes:
 def test_ctrl_c_while_a_vlm_thinks_leaves_a_run_that_goes_on(words, vlm, tmp_path, program):
     vlm.script(hangs, then=thoughtful)
     lines = interrupted(words("run", "--timeout", 60), lambda: vlm.requests)
-    assert "is usable as it is, --resume goes on with it" in lines[-1]
+    assert "--resume goes on with it" in lines[-1]
     assert [call["problem"] for call in kept(tmp_path / "run")] == ["interrupted"]
     program(*words("run", "--timeout", 60, "--resume")).done()
     assert len(record(tmp_path / "run")) == 5
