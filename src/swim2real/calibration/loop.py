@@ -69,7 +69,7 @@ class Progress:
         best: Lowest loss so far [m].
         note: The optimizer's note on the candidate.
         improved: Whether this one is the new incumbent.
-        seconds_left: Estimate by the pace so far [s]; None for a search that nothing is known to end.
+        seconds_left: Estimate by the pace so far [s]; None for a search that may end at any time, or nothing ends.
         replayed: True for an evaluation that was read from the record.
         ends: Losses at which descents from independent starts ended [m].
         gained: Share by which the last quarter of the evaluations, those on record included, lowered the best loss:
@@ -174,7 +174,7 @@ def minimize(
         margins = np.zeros(0) if comparison is None or not stages else comparison.first_beats
         optimizer.tell(Evaluation(candidate, entry.loss, entry.failed, figures, residual, stages, margins))
         pace = (time.monotonic() - started) / (fresh or index + 1)
-        left = [one for one in (optimizer.left, None if budget is None else budget - index - 1) if one is not None]
+        left = [one for one in (optimizer.left, None if budget is None else budget - index - 1) if one]
         lowest.append(best.loss)
         quarter = lowest[3 * len(lowest) // 4 - 1]
         gained = (quarter - best.loss) / max(quarter, 1e-300) if index else 1.0
