@@ -14,7 +14,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from markertrack.quality import DOUBTFUL
+from markertrack.quality import DOUBTFUL, runs
 from markertrack.tracking.markers import MarkerTracker
 from markertrack.tracking.tracker import DOUBT, Array, Mask, Tracker
 from markertrack.video import Frame, most_frames
@@ -89,8 +89,8 @@ def joined(forth: tuple[Array, Array], back: tuple[Array, Array], radii: Array) 
         certain, again = forth[1][:, m] >= DOUBTFUL, back[1][:, m] >= DOUBTFUL
         believed = certain & ~_refuted(certain, again, apart[:, m])
         confidence[~believed, m] = np.minimum(confidence[~believed, m], DOUBT)
-        for first, last in _runs(again):
-            part = slice(first, last + 1)
+        for first, end in runs(again):
+            part = slice(first, end)
             known, other = believed[part], apart[part, m]
             if (known & ~other).any() and not (known & other).any():
                 fill = ~known & ~other
@@ -103,18 +103,12 @@ def joined(forth: tuple[Array, Array], back: tuple[Array, Array], radii: Array) 
 def _refuted(certain: Mask, again: Mask, apart: Mask) -> Mask:
     """Frames in which a marker is certain from which the way back leads elsewhere than it came from. Shapes (T,)."""
     out = np.zeros_like(certain)
-    runs = _runs(certain)
-    known = runs[0][1] if runs else 0  # last frame that is believed
-    for first, last in runs[1:]:
-        same = np.flatnonzero(again[first : last + 1] & ~apart[first : last + 1])
+    stretches = runs(certain)
+    known = stretches[0][1] - 1 if len(stretches) else 0  # last frame that is believed
+    for first, end in stretches[1:]:
+        same = np.flatnonzero(again[first:end] & ~apart[first:end])
         if len(same) and again[known : first + same[0]].all() and apart[known]:
-            out[first : last + 1] = True
+            out[first:end] = True
         else:
-            known = last
+            known = end - 1
     return out
-
-
-def _runs(mask: Mask) -> list[tuple[int, int]]:
-    """First and last frames of each stretch in which it is true."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
-    return [(int(first), int(last) - 1) for first, last in edges.reshape(-1, 2)]

@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from markertrack.kinematics import Kinematics
-from markertrack.quality import LostMarkers
+from markertrack.quality import LostMarkers, runs
 from swim2real.report.pages import PageContext, write_page
 from swim2real.report.style import LIGHT, WIDE, chart_name, new_chart, titled
 from swim2real.trials import Trial
@@ -53,9 +53,7 @@ def _lost_markers(trial: Trial, lost: LostMarkers, names: Sequence[str]) -> Figu
     times = trial.track.times
     ends = np.append(times[1:], 2 * times[-1] - times[-2] if len(times) > 1 else times[-1] + 1)
     for m, name in enumerate(names):
-        edges = np.flatnonzero(np.diff(np.concatenate([[0], lost.lost[:, m].astype(int), [0]])))
-        begins, lasts = edges[::2], edges[1::2] - 1
-        spans = [(times[a], ends[b] - times[a]) for a, b in zip(begins, lasts, strict=True)]
+        spans = [(times[first], ends[end - 1] - times[first]) for first, end in runs(lost.lost[:, m])]
         axes.axhspan(m - 0.38, m + 0.38, color=LIGHT["page"], linewidth=0, zorder=0)
         titled(axes.broken_barh(spans, (m - 0.38, 0.76), facecolor=LIGHT["real"], linewidth=0), f"{name} is lost")
     axes.grid(visible=False)
