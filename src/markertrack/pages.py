@@ -233,19 +233,36 @@ def write_pick_page(
 def _write_page(
     template: str, title: str, path: str | Path, video_name: str, data: Mapping[str, object], remedy: str, **more: str
 ) -> Path:
-    """Writes a page; `@@NAME@@` is where a part of it goes."""
+    """Writes a page."""
+    text, place = filled(_HERE / template, title, video_name, data, **more), Path(path)
+    with writing(place, TrackingError, remedy):
+        write_text(place, text)
+    return place
+
+
+def filled(
+    template: Path, title: str, video_name: str, data: Mapping[str, object], allowed: str = "", **more: str
+) -> str:
+    """A page as text; `@@NAME@@` is where a part of it goes.
+
+    Args:
+        template: File of what is its own.
+        title: Its title, before the name of the video.
+        video_name: Name of the video.
+        data: What its script reads.
+        allowed: What its policy permits besides, as it follows the sources of pictures.
+        more: Further parts, by name.
+    """
     text = (_HERE / "page.html").read_text(encoding="utf-8")
-    for part, file in (("PAGE", template), ("STYLE", "page.css"), ("SHARED", "page.js")):
-        text = text.replace(f"@@{part}@@", (_HERE / file).read_text(encoding="utf-8").rstrip())
+    files = {"PAGE": template, "STYLE": _HERE / "page.css", "SHARED": _HERE / "page.js", "CANVAS": _HERE / "canvas.js"}
+    for part, file in files.items():
+        text = text.replace(f"@@{part}@@", file.read_text(encoding="utf-8").rstrip())
     script = text[text.rindex("<script>") + len("<script>") : text.rindex("</script>")]
     parts = {
-        "SCRIPTS": script_source(script), "TITLE": title, "VIDEO": html.escape(visible(video_name)),
+        "SCRIPTS": script_source(script), "TITLE": title, "VIDEO": html.escape(visible(video_name)), "ALLOWED": allowed,
         "DATA": json.dumps(data, allow_nan=False).replace("<", "\\u003c"), **more,
     }  # fmt: skip
-    place = Path(path)
-    with writing(place, TrackingError, remedy):
-        write_text(place, re.sub("@@([A-Z]+)@@", lambda match: parts[match.group(1)], text))
-    return place
+    return re.sub("@@([A-Z]+)@@", lambda match: parts[match.group(1)], text)
 
 
 def _jpeg_source(image: Image, quality: int) -> str:

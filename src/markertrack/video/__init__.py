@@ -2,9 +2,10 @@
 
 from markertrack.video.pictures import film_files, film_name, film_title
 from markertrack.video.reader import Frame, VideoInfo, VideoReader, first_frame, frames_backwards, most_frames
+from markertrack.video.seeking import SeekableFilm
 from markertrack.video.writer import VideoWriter
 
 __all__ = [
-    "Frame", "VideoInfo", "VideoReader", "VideoWriter", "film_files", "film_name", "film_title", "first_frame",
-    "frames_backwards", "most_frames",
+    "Frame", "SeekableFilm", "VideoInfo", "VideoReader", "VideoWriter", "film_files", "film_name", "film_title",
+    "first_frame", "frames_backwards", "most_frames",
 ]  # fmt: skip

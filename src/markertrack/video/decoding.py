@@ -58,7 +58,7 @@ SOUND_SLACK = 0.5  # s by which sound may outlast the pictures
 MOST_HELD = 16  # pictures that may wait for one that is shown later, as many as H.264 and HEVC can refer to
 
 
-def _open_stream(path: Path, threads: int) -> tuple[InputContainer, VideoStream]:
+def open_stream(path: Path, threads: int) -> tuple[InputContainer, VideoStream]:
     """Opens a file and its best video stream, ready to decode.
 
     Args:
@@ -237,8 +237,8 @@ class Decoder:
     """
 
     def __init__(self, path: Path, threads: int) -> None:
-        """Opens a file, as `_open_stream` does."""
-        self._container, self._stream = _open_stream(path, threads)
+        """Opens a file, as `open_stream` does."""
+        self._container, self._stream = open_stream(path, threads)
         self._path = path
         self.stated = _stated(self._container, self._stream)
         self._stamped = not self.stated.counted
@@ -265,7 +265,7 @@ class Decoder:
         """The stamps of all frames, for which the file is read once more; none where they are only counted."""
         if not self._stamped:
             return []
-        container, stream = _open_stream(self._path, 1)
+        container, stream = open_stream(self._path, 1)
         found: list[int] = []
         with container, suppress(FFmpegError):
             found.extend(packet.pts for packet in container.demux(stream) if packet.pts is not None)

@@ -34,6 +34,7 @@ from swim2real.cli.results import evaluate, overlay, report, simulate
 from swim2real.cli.robot import check, export_model, init
 from swim2real.cli.study import ensemble, identify, next_trial
 from swim2real.cli.terminal import LogLine, say, tell, warning_line
+from swim2real.cli.ui import ui
 from swim2real.cli.view import view
 from swimbase.errors import ArgumentError, Swim2RealError
 from swimbase.names import quoted
@@ -42,7 +43,7 @@ from swimbase.store import reason
 Command = Callable[..., int]
 # in the order of a user's day; a command imports what it works with when it runs, so that --help is quick
 COMMANDS: dict[str, dict[str, Command]] = {
-    "A first look": {"demo": demo},
+    "A first look": {"demo": demo, "ui": ui},
     "Real trials": {
         "fetch": fetch, "board": board, "pick": pick, "track": track, "import-tracks": import_tracks,
         "import-recording": import_recording, "cut": cut, "quality": quality,

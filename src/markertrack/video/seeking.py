@@ -1,0 +1,90 @@
+"""Any frame of a film by its number, without decoding those long before it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+from av import VideoFrame
+from av.error import FFmpegError
+
+from markertrack.video.decoding import open_stream
+from markertrack.video.reader import Frame, first_frame
+from swimbase.errors import VideoError
+
+_NEAR = 24  # frames ahead that are decoded rather than sought
+
+
+class SeekableFilm:
+    """A film whose frames can be had in any order, numbered as `VideoReader` numbers those of an intact film.
+
+    Attributes:
+        times: Times of the frames since the first [s].
+        fps: Mean number of frames per second.
+        size: Width and height of the upright picture [px].
+    """
+
+    def __init__(self, path: Path, threads: int = 0) -> None:
+        """Reads the time stamps of all frames, and decodes none but the first.
+
+        Args:
+            path: Path of the video.
+            threads: Number of threads that decode; 0 for as many as the machine has cores.
+
+        Raises:
+            VideoError: The file can't be read, or has no time stamps.
+        """
+        self._first = first_frame(path)
+        self._path, self._threads = path, threads
+        container, stream = open_stream(path, 1)
+        with container:
+            packets = (packet for packet in container.demux(stream) if packet.size and not packet.is_discard)
+            try:
+                self._stamps = sorted({packet.pts for packet in packets if packet.pts is not None})
+            except FFmpegError as error:
+                raise VideoError(f"'{path}' can't be read to its end ({error.strerror}); copy it again") from None
+            unit = float(stream.time_base or 0)
+        if len(self._stamps) < 2:
+            raise VideoError(f"'{path}' has no time stamps by which a frame is found; convert it to MP4")
+        self.times = [(stamp - self._stamps[0]) * unit for stamp in self._stamps]
+        self.fps = (len(self.times) - 1) / self.times[-1]
+        height, width, _ = self._first.image.shape
+        self.size = width, height
+        self._open()
+
+    def _open(self) -> None:
+        self._container, self._stream = open_stream(self._path, self._threads)
+        self._stream.thread_type = "AUTO"
+        self._next, self._pictures = 0, self._decoded()
+
+    def _decoded(self) -> Iterator[VideoFrame]:
+        try:
+            yield from self._container.decode(self._stream)
+        except FFmpegError:
+            return
+
+    def close(self) -> None:
+        self._container.close()
+
+    def frame(self, number: int) -> Frame:
+        """A frame by its number.
+
+        Raises:
+            VideoError: There is none of this number, or it is broken.
+        """
+        if not 0 <= number < len(self._stamps):
+            raise VideoError(f"'{self._path}' has frames 0 to {len(self._stamps) - 1}, and none of number {number}")
+        stamp = self._stamps[number]
+        if not self._next <= number < self._next + _NEAR:
+            self._container.seek(stamp, stream=self._stream)
+            self._pictures = self._decoded()
+        for stored in self._pictures:
+            if stored.pts is not None and stored.pts >= stamp:
+                self._next = number + 1
+                if stored.pts > stamp:
+                    break
+                return replace(self._first, index=number, time=self.times[number], _stored=stored)
+        self.close()
+        self._open()
+        raise VideoError(f"frame {number} of '{self._path}' can't be decoded; it may be damaged")

@@ -1,0 +1,57 @@
+"""`ui`: the live page over a folder."""
+
+from __future__ import annotations
+
+import socket
+from pathlib import Path
+
+from tyro.conf import Positional
+
+from swim2real.cli.options import word
+from swim2real.cli.terminal import say, tell
+from swimbase.errors import MissingExtraError
+
+
+def ui(folder: Positional[Path] = Path(), *, port: int = 0, browser: bool = True) -> int:
+    """Open a page in the browser on which films become fits: points, tracks, sliders, searches, results.
+
+    Shows the films, references, runs and robot files of a folder, and writes the files that the other commands write.
+    Only this machine can reach it, and only who knows the page's address, which holds a secret. Ctrl-C ends it.
+
+    Args:
+        folder: Folder with films, or one that `demo` wrote; the page reads and writes nothing outside of it.
+        port: Port on 127.0.0.1; 0 is any that is free.
+        browser: Open the browser; otherwise, and where there is none, the address is printed, for a tunnel.
+    """
+    import asyncio
+    import contextlib
+
+    try:
+        from swim2real.ui.server import listening, open_browser, serve
+    except ModuleNotFoundError as error:
+        if error.name != "tornado":
+            raise
+        raise MissingExtraError("the page needs tornado; install it with: pip install 'swim2real[ui]'") from None
+    from swim2real.ui.project import Project
+
+    project, sockets = Project(folder), listening(port)
+    with contextlib.ExitStack() as stack:
+
+        def opened(address: str) -> None:
+            remove = open_browser(address) if browser else None
+            if remove is not None:
+                stack.callback(remove)
+                say(f"{folder}: the page is open in your browser. Ctrl-C ends it; --no-browser prints its address.")
+                return
+            number = sockets[0].getsockname()[1]
+            say(f"{word(folder)}: {address}")
+            say(f"From another machine: ssh -L {number}:127.0.0.1:{number} {socket.gethostname()}, then that address.")
+
+        with contextlib.suppress(KeyboardInterrupt):
+            asyncio.run(serve(project, sockets, opened))
+    job = project.jobs.last
+    if job is not None and not job.done.is_set():
+        project.jobs.stop()
+        tell(f"ending '{job.title}'; what it has done is kept")
+        job.done.wait()
+    return 0
