@@ -1,5 +1,6 @@
 /* ---- a picture on which markers are placed: zoomed, moved, enlarged under a lens. The page has `names`, `width`, `height`,
-   `places` of the markers on a sketch, `frame` (the picture), and `under(put, view)`, which draws below the points ---- */
+   `places` of the markers on a sketch, `frame` (the picture), `under(put)`, which draws below the points, and `ready()`, which
+   says what to do once all are placed ---- */
 const canvas = document.querySelector("canvas"), context = canvas.getContext("2d");
 const CLOSEST = 2, HIT = 10, LENS = Math.min(innerWidth, innerHeight) < 620 ? 52 : 75, SLOP = { mouse: 4, pen: 6, touch: 9 };
 const touch = matchMedia("(pointer: coarse)").matches;
@@ -140,7 +141,7 @@ const text = () => JSON.stringify({
 function update() {
   const marker = next(), name = marker < 0 ? "" : safe(names[marker]);
   if (lifted >= 0) tell(`Moving <b>${safe(names[lifted])}</b>: ${touch ? "tap" : "click"} its new place, or use the arrows.`);
-  else if (marker < 0) tell(`All ${names.length} are placed. Check them, then <b>download</b> ${safe(file)}.`);
+  else if (marker < 0) tell(`All ${names.length} are placed. ${ready()}`);
   else tell(`${touch ? "Tap" : "Click"} <b>${name}</b>${marker === 0 ? ", the first marker at the head" : marker === names.length - 1 ? ", the last one at the tail" : ""}.`
     + (points.some(p => p) ? "" : " Zoom in first, to hit its center."));
   [...get("list").children].forEach(({ firstChild: button }, i) => {
@@ -185,7 +186,7 @@ function scene(v, [left, top, right, bottom], accent, ratio) {
   if (frame && x1 > x0 && y1 > y0)
     context.drawImage(frame, x0, y0, x1 - x0, y1 - y0, v.x + x0 * v.k, v.y + y0 * v.k, (x1 - x0) * v.k, (y1 - y0) * v.k);
   const put = p => [(p[0] + 0.5) * v.k + v.x, (p[1] + 0.5) * v.k + v.y];
-  under(put, v);
+  under(put);
   const line = points.filter(Boolean).map(put);
   context.lineWidth = 1;
   context.setLineDash([4, 4]);

@@ -55,7 +55,7 @@ class _Entry(BaseModel, extra="forbid"):
     markers: dict[str, _Pair | None]
 
 
-class _Content(BaseModel, extra="forbid"):
+class MarkersFile(BaseModel, extra="forbid"):
     """Content of a file: markers of one frame by name, a plain list of points, or markers of several frames."""
 
     format: Literal[1] = 1
@@ -83,7 +83,7 @@ class _Checked:
     height: int
     remedy: str
 
-    def check_size(self, content: _Content) -> None:
+    def check_size(self, content: MarkersFile) -> None:
         width, height = content.width or self.width, content.height or self.height
         if (width, height) != (self.width, self.height):
             raise TrackingError(
@@ -98,7 +98,7 @@ class _Checked:
                 hint = did_you_mean(name.upper(), free) or f"; known are {', '.join(self.names)}"
                 raise TrackingError(f"{self.file}: unknown marker {quoted(name)}{hint}")
 
-    def all_named(self, content: _Content) -> _Markers:
+    def all_named(self, content: MarkersFile) -> _Markers:
         """Reads a points file that must name every marker."""
         expected = f"expected are {len(self.names)}, one for each of {', '.join(self.names)}; {self.remedy}"
         if content.markers is not None:
@@ -151,7 +151,7 @@ def load_points(path: str | Path, names: Sequence[str], width: int, height: int,
     Raises:
         TrackingError: The file is missing, can't be read, or its points aren't of this robot and this video.
     """
-    content = read(_Content, path, "points", TrackingError, f"{_PICK_AGAIN} (`swim2real pick VIDEO`)")
+    content = read(MarkersFile, path, "points", TrackingError, f"{_PICK_AGAIN} (`swim2real pick VIDEO`)")
     checked = _Checked(f"points '{path}'", names, width, height, _PICK_AGAIN)
     if content.frames is not None:
         count = len(content.frames)
@@ -185,7 +185,7 @@ def load_anchors(
     Returns:
         What is said of each frame, first frame first. A frame that nothing is said of is left out.
     """
-    content = read(_Content, path, "corrections", TrackingError, _CORRECT_AGAIN)
+    content = read(MarkersFile, path, "corrections", TrackingError, _CORRECT_AGAIN)
     if content.frames is None:
         checked = _Checked(f"points '{path}'", names, width, height, _PICK_AGAIN)
         checked.check_size(content)

@@ -152,7 +152,7 @@ def draw_on_film(
                     f"'{video}' has no frame of trial '{trial.name}', which begins at {span.begin:g} s and is "
                     f"{times[-1]:g} s long; give its begin in the film with --from"
                 )
-    return _DrawnFilm(target, done, _doubts(trial, tracked, reference))
+    return _DrawnFilm(target, done, off_its_film(trial, tracked, reference))
 
 
 def in_world(compared: ComparedTrial, real: Array) -> Array:
@@ -202,7 +202,7 @@ def _behind(compared: ComparedTrial) -> Array:
     return np.column_stack([behind, np.zeros_like(behind)])[:, None]
 
 
-def _doubts(trial: Trial, tracked: Array, reference: Path) -> tuple[str, ...]:
+def off_its_film(trial: Trial, tracked: Array, reference: Path) -> tuple[str, ...]:
     """A sentence when the real markers don't fall on where they were tracked; nothing where that isn't known."""
     table = reference / TRACKS / f"{trial.name}.pixels.csv"
     if not table.is_file():

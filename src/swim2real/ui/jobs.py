@@ -90,10 +90,11 @@ class Jobs:
         threading.Thread(target=run, name=kind).start()
         return job
 
-    def stop(self) -> None:
+    def stop(self) -> dict[str, Any]:
         """Asks the job to end."""
         if self.last is not None:
             self.last.stopping = True
+        return self.as_dict()
 
     def as_dict(self) -> dict[str, Any]:
         """The last job and its number, by which a page knows a new one."""

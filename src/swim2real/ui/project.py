@@ -11,6 +11,7 @@ from typing import Any
 
 from swim2real.calibration import RunFolder
 from swim2real.calibration.run_folder import SETTINGS
+from swim2real.parameters.file import BEST
 from swim2real.robots import ROBOTS, load_robot
 from swim2real.robots.robot import Robot
 from swim2real.trials.reference import FILMS, INDEX, Index
@@ -31,12 +32,13 @@ class Project:
         root: The folder, resolved.
         jobs: What is under way.
         films: Films that are open.
+        fits: The fit that is open, and what it is of.
     """
 
     root: Path
     jobs: Jobs = field(default_factory=Jobs)
     films: FilmCache = field(default_factory=FilmCache)
-    opened: dict[str, Any] = field(default_factory=dict[str, Any])
+    fits: dict[str, Any] = field(default_factory=dict[str, Any])
 
     def __post_init__(self) -> None:
         if not self.root.is_dir():
@@ -91,6 +93,7 @@ class Project:
         return {
             "folder": self.root.name, "films": [{"path": path, **film} for path, film in films.items()],
             "references": references, "runs": runs, "robots": robots,
+            "taken": sorted({path.stem for path in self.root.iterdir()}),
         }  # fmt: skip
 
     def _files(self) -> Iterator[Path]:
@@ -131,7 +134,7 @@ def _run(folder: Path, project: Project) -> dict[str, Any]:
     return {
         "robot": settings.robot if file is None else project.name(file) if file in inside else None,
         "reference": project.name(reference) if reference in inside else None,
-        "error": None if fit is None else fit.error, "verdict": None if verdict is None else verdict.kind,
+        "usable": (folder / BEST).is_file(), "error": None if fit is None else fit.error, "verdict": None if verdict is None else verdict.kind,
     }  # fmt: skip
 
 

@@ -22,7 +22,6 @@ from pathlib import Path
 from typing import Any
 
 from tornado.httpserver import HTTPServer
-from tornado.netutil import bind_sockets
 from tornado.web import Application, HTTPError, RequestHandler
 
 from swim2real.ui.calls import CALLS
@@ -116,7 +115,9 @@ def listening(port: int) -> list[socket.socket]:
     if not 0 <= port < 1 << 16:
         raise ArgumentError(f"--port is {port}; it must be 0 (any that is free) to 65535")
     try:
-        return bind_sockets(port, ADDRESS)
+        one = socket.create_server((ADDRESS, port))
+        one.setblocking(False)
+        return [one]
     except OSError as error:
         raise ArgumentError(
             f"--port {port} can't be used ({error.strerror}); another program may have it: leave --port out"
@@ -134,8 +135,8 @@ async def serve(
         on_address: Called with the page's address, token included.
         token: The token; by default a new one.
     """
-    for log in ("tornado.access", "tornado.general", "tornado.application"):  # a stranger's requests are no news
-        logging.getLogger(log).setLevel(logging.ERROR)
+    for log in ("tornado.access", "tornado.general"):  # a stranger's requests are no news
+        logging.getLogger(log).setLevel(logging.CRITICAL)
     token = token or secrets.token_urlsafe(24)
     given: Mapping[str, Any] = {"token": token, "project": project}
     app = Application([(r"/", _Page, given), (r"/api/([a-z]+)", _Call, given)])
