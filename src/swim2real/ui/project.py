@@ -134,7 +134,8 @@ def _run(folder: Path, project: Project) -> dict[str, Any]:
     return {
         "robot": settings.robot if file is None else project.name(file) if file in inside else None,
         "reference": project.name(reference) if reference in inside else None,
-        "usable": (folder / BEST).is_file(), "error": None if fit is None else fit.error, "verdict": None if verdict is None else verdict.kind,
+        "usable": (folder / BEST).is_file(), "error": None if fit is None else fit.error,
+        "verdict": None if verdict is None else verdict.kind,
     }  # fmt: skip
 
 

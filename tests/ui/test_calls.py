@@ -1,0 +1,147 @@
+"""What the page's calls do is what the commands do, in the files that they write."""
+
+import io
+import json
+import shutil
+import time
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from conftest import FILM, serving
+from markertrack.points import load_points
+from markertrack.video import VideoReader
+from swim2real import load_reference, open_run
+from swim2real.calibration import Problem
+from swim2real.demo.example import FILMS, hidden_values
+from swim2real.robots.fish import FISH
+from swim2real.settings import EvaluationSettings
+
+QUERY = f"?film={FILM}&robot=fish"
+FIT = {"reference": "reference", "robot": "fish"}
+
+
+def refused(served, name, body):
+    status, answer = served.ask("POST", f"/api/{name}", json.dumps(body).encode())
+    assert status == 400
+    return json.loads(answer)["error"]
+
+
+def test_a_frame_is_that_of_the_film(served):
+    status, body = served.ask("GET", f"/api/frame?film={FILM}&number=100")
+    assert status == 200
+    with VideoReader(FILMS / FILM) as reader:
+        image = next(frame.image for frame in reader if frame.index == 100)
+    assert np.abs(np.asarray(Image.open(io.BytesIO(body)), dtype=int) - image).mean() < 2
+
+
+def test_points_are_saved_as_track_takes_them(served, films):
+    about = served.call("film", query=QUERY)
+    assert (about["width"], about["height"], about["frames"], about["track"]) == (1280, 720, 241, None)
+    path = films / "f0_50.points.json"
+    before = path.read_bytes()
+    markers = {name: [100.0 + 40 * m, 300.5] for m, name in enumerate(about["names"])}
+    content = {"format": 1, "video": FILM, "width": 1280, "height": 720, "frame": 3, "markers": markers}
+    served.call("mark", {"film": FILM, "kind": "points", "content": content})
+    anchor = load_points(path, about["names"], 1280, 720)
+    assert anchor.frame == 3
+    np.testing.assert_array_equal(anchor.points, list(markers.values()))
+    for wrong in ({"markers": {"M0": ["x", 1]}}, {"markers": []}, {"other": 1}):
+        assert "points" in refused(served, "mark", {"film": FILM, "kind": "points", "content": wrong})
+    assert load_points(path, about["names"], 1280, 720).frame == 3
+    path.write_bytes(before)
+
+
+def test_a_film_that_is_written_and_a_folder_without_one_are_no_fault(tmp_path):
+    (tmp_path / "half.mp4").write_bytes((FILMS / FILM).read_bytes()[:32])
+    with serving(tmp_path) as server:
+        assert [film["path"] for film in server.call("project")["films"]] == ["half.mp4"]
+        status, answer = server.ask("GET", "/api/film?film=half.mp4&robot=fish")
+        assert status == 400
+        assert "cut off" in json.loads(answer)["error"]
+        shutil.copy(FILMS / FILM, tmp_path / "half.mp4")
+        assert server.call("film", query="?film=half.mp4&robot=fish")["frames"] == 241
+
+
+@pytest.fixture(scope="module")
+def tracked(served, films):
+    """The film, tracked by the page's call."""
+    served.call("track", {"film": FILM, "robot": "fish"})
+    assert "under way" in refused(served, "track", {"film": FILM, "robot": "fish"})
+    assert served.call("job")["title"] == f"tracking {FILM}"
+    job = served.ended()
+    assert "241 frames" in job["said"], job
+    return load_reference(films / "reference")
+
+
+@pytest.mark.slow
+def test_a_track_and_its_corrections(served, films, tracked):
+    (film,) = (film for film in served.call("project")["films"] if film["path"] == FILM)
+    assert (film["reference"], film["trial"], film["points"]) == ("reference", "f0_50", True)
+    track = served.call("film", query=QUERY)["track"]
+    assert (track["first"], len(track["positions"])) == (0, 241)
+    place = track["positions"][100][4]
+    content = {
+        "format": 1,
+        "video": FILM,
+        "width": 1280,
+        "height": 720,
+        "frames": [{"frame": 100, "markers": {"M4": place}}],
+    }
+    served.call("mark", {"film": FILM, "kind": "corrections", "content": content})
+    served.call("track", {"film": FILM, "robot": "fish"})
+    assert "241 frames" in served.ended()["said"]
+    assert served.call("film", query=QUERY)["corrections"]["frames"][0]["markers"] == {"M4": place}
+
+
+@pytest.mark.slow
+def test_a_simulation_is_that_of_the_product(served, tracked):
+    about, values = served.call("fit", FIT), hidden_values()
+    assert about["values"] == FISH.space.published
+    answer = served.call("simulate", {**FIT, "values": values, "trial": "f0_50"})
+    compared = Problem.with_settings(FISH, tracked, EvaluationSettings()).evaluate(values).trials[0]
+    assert answer["errors"]["f0_50"] == pytest.approx(compared.motion_error, rel=1e-6)
+    assert answer["film"] == FILM
+    real, simulated = (np.array(answer[key], dtype=float) for key in ("real", "simulated"))
+    assert np.nanmedian(np.linalg.norm(simulated - real, axis=2)) < 5  # px: nearly the hidden fish
+    seen = np.array(served.call("film", query=QUERY)["track"]["positions"], dtype=float)[: len(real)]
+    assert np.nanmedian(np.linalg.norm(real - seen, axis=2)) < 1  # the rings are on the film's markers
+    beyond = {**values, "fluid_kutta_lift": 1e9}
+    assert "fluid_kutta_lift" in refused(served, "simulate", {**FIT, "values": beyond})
+    assert "no trial" in refused(served, "simulate", {**FIT, "values": values, "trial": "x"})
+
+
+@pytest.mark.slow
+def test_a_search_is_a_run_that_the_commands_take(served, films, tracked):
+    begin = {**FIT, "values": FISH.space.published, "name": "fit-1"}
+    served.call("search", begin)
+    until = time.monotonic() + 200
+    while served.call("job").get("done", 0) < 3:
+        assert time.monotonic() < until
+        time.sleep(0.1)
+    assert "under way" in refused(served, "search", {**begin, "name": "fit-2"})
+    assert served.call("stop", {})["stopping"]
+    job = served.ended()
+    assert "fault" not in job, job
+    run = open_run(films / "fit-1")
+    assert run.outcome is not None
+    assert run.values == job["values"]
+    assert job["bests"][-1][1] == pytest.approx(1e3 * min(run.losses))
+    (listed,) = served.call("project")["runs"]
+    assert (listed["path"], listed["robot"], listed["reference"]) == ("fit-1", "fish", "reference")
+    assert "'fit-1' is there" in refused(served, "search", begin)
+    for kind, file in (("export", "model.xml"), ("report", "report.html")):
+        served.call("work", {"kind": kind, "run": "fit-1"})
+        assert "is written" in served.ended()["said"]
+        assert (films / "fit-1" / file).is_file()
+    assert served.call("fit", {**FIT, "run": "fit-1"})["values"] == run.values
+    served.call("ask", {**FIT, "values": run.values})
+    assert FISH.space.check(served.ended()["proposed"])
+
+
+@pytest.mark.parametrize("name", ["../out", "a/b", ".hidden", "con"])
+def test_names_stay_in_the_folder(served, name):
+    body = {**FIT, "values": FISH.space.published, "name": name}
+    for call in ("search", "keep"):
+        assert "name" in refused(served, call, body)
