@@ -1,0 +1,101 @@
+"""From films to a fit by clicks alone, in a real browser."""
+
+import json
+import shutil
+
+import numpy as np
+import pytest
+
+from browser import browser
+from conftest import FILM, serving
+from swim2real import open_run
+from swim2real.demo.example import FILMS
+
+playwright = pytest.importorskip("playwright.sync_api", reason="the page is clicked by Playwright; it isn't installed")
+LONG = 240_000  # ms: compiling is part of it on a fresh machine
+
+
+@pytest.fixture
+def folder(tmp_path):
+    (tmp_path / "pool").mkdir()
+    for name in (FILM, "camera.json"):
+        shutil.copy(FILMS / name, tmp_path / "pool" / name)
+    return tmp_path / "pool"
+
+
+@pytest.fixture
+def page():
+    with playwright.sync_playwright() as started:
+        chromium = started.chromium.launch(executable_path=browser(), args=["--no-sandbox"])
+        page = chromium.new_page(viewport={"width": 1280, "height": 900})
+        page.set_default_timeout(LONG)
+        wrong = []
+        page.on("pageerror", lambda error: wrong.append(str(error)))
+        page.on(
+            "response", lambda answer: answer.status in (400, 500) and wrong.append(f"{answer.status} {answer.url}")
+        )
+        requests = []
+        page.on("request", lambda request: requests.append(request.url))
+        yield page
+        chromium.close()
+        assert wrong == []
+        assert all(url.startswith(("http://127.0.0.1:", "blob:http://127.0.0.1:")) for url in requests)
+
+
+def clicked(page, place):
+    """A click on a place of the film, when the whole film is shown."""
+    box = page.locator("#stage canvas").bounding_box()
+    k = min(box["width"] / 1280, box["height"] / 720) * 0.98
+    x, y = (box["width"] - 1280 * k) / 2, (box["height"] - 720 * k) / 2
+    page.mouse.click(box["x"] + x + (place[0] + 0.5) * k, box["y"] + y + (place[1] + 0.5) * k)
+
+
+def shows(page, selector, text):
+    playwright.expect(page.locator(selector)).to_contain_text(text, timeout=LONG)
+
+
+@pytest.mark.slow
+def test_from_a_film_to_a_fit_by_clicks(folder, page):
+    places = json.loads((FILMS / "f0_50.points.json").read_text())["markers"]
+    with serving(folder) as server:
+        page.goto(server.address)
+        shows(page, "#status", "Click M0")
+        for place in places.values():
+            clicked(page, (place[0] + 1.5, place[1] - 1.0))  # a hand, beside the middle
+        shows(page, "#status", "All 9 are placed")
+        page.wait_for_timeout(1000)
+        saved = json.loads((folder / "f0_50.points.json").read_text())["markers"]
+        page.click("#track")
+        shows(page, "#said", "241 frames")
+        shows(page, "#status", "correction")
+        shows(page, "#film", "✓")
+        found = server.call("film", query=f"?film={FILM}&robot=fish")["track"]["positions"][0]
+        off = np.linalg.norm(np.subtract(found, list(saved.values())), axis=1)
+        assert np.median(off) < 0.3  # px: clicks have snapped to the middles
+
+        page.click("#tofit")
+        shows(page, "#trials", "mm")
+        before = page.inner_text("#trials output")
+        slider = page.locator("#sliders input").first.bounding_box()
+        page.mouse.click(slider["x"] + 0.9 * slider["width"], slider["y"] + slider["height"] / 2)
+        playwright.expect(page.locator("#trials output").first).not_to_have_text(before, timeout=LONG)
+        page.click("#back")
+        playwright.expect(page.locator("#trials output").first).to_have_text(before, timeout=LONG)
+
+        page.click("#search")
+        shows(page, "#progress", "mm")
+        page.reload()
+        shows(page, "#doing", "search from here, into fit-1")
+        page.click("#stop")
+        shows(page, "#said", "run fit-1:")
+        playwright.expect(page.locator("#from")).to_have_value("fit-1")
+        assert open_run(folder / "fit-1").outcome is not None
+        page.click("[data-work=report]")
+        shows(page, "#said", "report.html is written")
+
+
+@pytest.mark.slow
+def test_a_page_without_the_secret_says_so(folder, page):
+    with serving(folder) as server:
+        page.goto(server.address.split("#")[0])
+        shows(page, "#alert", "open the one of now")
