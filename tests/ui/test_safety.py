@@ -4,6 +4,7 @@ import json
 import os
 import random
 import re
+import shutil
 import socket
 import stat
 import string
@@ -63,12 +64,38 @@ def test_nothing_outside_of_the_folder_is_read(served, films, name):
     if not (films / "link.mp4").is_symlink():
         (films / "link.mp4").symlink_to(films.parent / "secret.mp4")
     quoted = "".join(f"%{byte:02x}" for byte in name.encode())
-    for call in (f"film?film={quoted}", f"frame?film={quoted}&number=0"):
+    for call in (f"film?film={quoted}&robot=fish", f"frame?film={quoted}&number=0"):
         status, body = served.ask("GET", f"/api/{call}")
         assert status == 400
         sentence = json.loads(body)["error"]
         assert "isn't in the folder" in sentence or "no video" in sentence  # of ~/x, a name in it that isn't there
+    values = {"values": {}, "name": "x"}
+    fits = [{"reference": name, "robot": "fish"}, {"reference": ".", "robot": f"{name}.toml"},
+            {"reference": ".", "robot": "fish", "run": name}]  # fmt: skip
+    bodies = [("fit", one) for one in fits] + [(call, {**one, **values}) for one in fits for call in ("search", "keep")]
+    bodies += [("mark", {"film": name, "kind": "points", "content": {}}), ("work", {"kind": "report", "run": name})]
+    for call, content in bodies:
+        assert served.ask("POST", f"/api/{call}", json.dumps(content).encode())[0] == 400
+    assert sorted(path.name for path in films.parent.iterdir() if path.suffix not in (".json", ".mp4")) == ["pool"]
     assert "link.mp4" not in {film["path"] for film in served.call("project")["films"]}
+
+
+def test_links_inside_of_the_folders_lead_nowhere(served, films):
+    (films.parent / "secret.json").write_text('{"secret": 1}')
+    for place in ("trials/reference.json", "old/settings.json", "old/record.jsonl", "link.points.json"):
+        (films / place).parent.mkdir(exist_ok=True)
+        if not (films / place).is_symlink():
+            (films / place).symlink_to(films.parent / "secret.json")
+    shutil.copy(films / "f0_50.mp4", films / "link2.mp4")
+    (films / "link2.points.json").symlink_to(films.parent / "secret.json")
+    fit = {"reference": "trials", "robot": "fish"}
+    status, body = served.ask("POST", "/api/fit", json.dumps(fit).encode())
+    assert (status, b"isn't in the folder" in body, b'secret"' in body) == (400, True, False)
+    status, body = served.ask("GET", "/api/film?film=link2.mp4&robot=fish")
+    assert (status, b"is a link" in body) == (400, True)
+    (films / "link2.mp4").unlink()
+    project = served.call("project")
+    assert [one["path"] for one in project["references"]] == [one["path"] for one in project["runs"]] == []
 
 
 def test_odd_requests_are_refused_and_the_server_goes_on(served):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import socket
+import threading
 from pathlib import Path
 
 from tyro.conf import Positional
@@ -47,11 +48,21 @@ def ui(folder: Positional[Path] = Path(), *, port: int = 0, browser: bool = True
             say(f"{word(folder)}: {address}")
             say(f"From another machine: ssh -L {number}:127.0.0.1:{number} {socket.gethostname()}, then that address.")
 
+        threading.Thread(target=_compile, daemon=True).start()  # while a person clicks
         with contextlib.suppress(KeyboardInterrupt):
             asyncio.run(serve(project, sockets, opened))
     job = project.jobs.last
     if job is not None and not job.done.is_set():
         project.jobs.stop()
-        tell(f"ending '{job.title}'; what it has done is kept")
+        tell(f"ending '{job.title}'; what it has done is kept. Ctrl-C again doesn't wait")
         job.done.wait()
     return 0
+
+
+def _compile() -> None:
+    """Has the simulator compiled, which takes most of a minute on a new machine."""
+    from swim2real import api
+    from swim2real.robots import load_robot
+
+    fish = load_robot("fish")
+    api.simulate(fish.space.published, fish, [1.0], seconds=0.1, threads=1)

@@ -82,8 +82,8 @@ class _OfName(_OfValues):
 
 
 def _fit(project: Project, asked: _OfFit) -> Fit:
-    run = None if asked.run is None else project.place(asked.run)
-    folder = project.place(asked.reference)
+    run = None if asked.run is None else project.folder(asked.run)
+    folder = project.folder(asked.reference)
     stamp = max((file.stat().st_mtime_ns for file in folder.glob("*.*")), default=0)
     key = (folder, asked.robot, run, stamp)
     if project.fits.get("key") != key:
@@ -114,8 +114,8 @@ def _work(project: Project, asked: _Work) -> dict[str, Any]:
     run = next((one for one in project.content()["runs"] if one["path"] == asked.run), {})
     if not run.get("robot") or not run.get("reference"):
         raise ArgumentError(f"'{asked.run}' is no run whose robot and trials are in this folder")
-    folder, robot = project.place(asked.run), project.robot(run["robot"])
-    reference = load_reference(project.place(run["reference"]))
+    folder, robot = project.folder(asked.run), project.robot(run["robot"])
+    reference = load_reference(project.folder(run["reference"]))
 
     def identified(job: Job) -> str:
         def noted(progress: StudyProgress) -> None:

@@ -187,7 +187,7 @@ class Fit:
 
 def camera_of(film: Path, root: Path) -> Path | None:
     """The camera file of a film: beside it, or in the folder."""
-    return next((one for one in (film.parent / CAMERA, root / CAMERA) if one.is_file()), None)
+    return next((one for one in (film.parent / CAMERA, root / CAMERA) if one.is_file() and not one.is_symlink()), None)
 
 
 def places(positions: Array) -> list[Any]:

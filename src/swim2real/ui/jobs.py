@@ -87,7 +87,7 @@ class Jobs:
             finally:
                 job.done.set()
 
-        threading.Thread(target=run, name=kind).start()
+        threading.Thread(target=run, name=kind, daemon=True).start()
         return job
 
     def stop(self) -> dict[str, Any]:

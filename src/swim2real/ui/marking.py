@@ -40,7 +40,7 @@ def about_film(project: Project, film: Path, robot: str) -> dict[str, Any]:
 
 
 def _track(project: Project, listed: dict[str, Any], fps: float, names: tuple[str, ...]) -> dict[str, Any] | None:
-    folder = project.place(listed["reference"])
+    folder = project.folder(listed["reference"])
     table, page = (folder / TRACKS / f"{listed['trial']}.{kind}" for kind in ("pixels.csv", "json"))
     if not table.is_file() or not page.is_file():
         return None
@@ -66,7 +66,7 @@ def save(film: Path, kind: str, content: dict[str, Any]) -> dict[str, Any]:
 def track(project: Project, film: Path, robot: str, job: Job) -> str:
     """Tracks a film from its points, around its corrections where there are any, into the reference of its trial."""
     listed = next((one for one in project.content()["films"] if one["path"] == project.name(film)), {})
-    folder = project.place(listed.get("reference", "reference"))
+    folder = project.folder(listed.get("reference", "reference"))
     page, camera = folder / TRACKS / f"{film_name(film)}.json", camera_of(film, project.root)
     if page.is_file():
         before = read(TrackingReport, page, "report of a track", TrackingError)
@@ -91,4 +91,7 @@ def track(project: Project, film: Path, robot: str, job: Job) -> str:
 
 
 def _file(film: Path, kind: str) -> Path:
-    return film.with_name(f"{film_name(film)}.{kind}.json")
+    path = film.with_name(f"{film_name(film)}.{kind}.json")
+    if path.is_symlink():
+        raise ArgumentError(f"'{path.name}' is a link, which isn't followed; put the file itself there")
+    return path

@@ -59,6 +59,13 @@ class Project:
             raise ArgumentError(f"'{name[:200]}' isn't in the folder '{self.root}'; nothing outside of it is read")
         return path
 
+    def folder(self, name: str) -> Path:
+        """The path of a folder of which no link leads outside."""
+        path = self.place(name)
+        for link in filter(Path.is_symlink, path.rglob("*")):
+            self.place(str(link))
+        return path
+
     def robot(self, name: str) -> Robot:
         """A robot by its name, or by its file in the folder."""
         return load_robot(name if name in ROBOTS else self.place(name))
@@ -124,7 +131,8 @@ class Project:
 def _run(folder: Path, project: Project) -> dict[str, Any]:
     """A run in the list: robot, reference, and how it ended."""
     try:
-        settings, outcome = RunFolder(folder).settings(), RunFolder(folder).outcome()
+        run = RunFolder(project.folder(str(folder)))
+        settings, outcome = run.settings(), run.outcome()
     except Swim2RealError as error:
         return {"fault": str(error)}
     file = None if settings.robot_file is None else (folder / settings.robot_file).resolve()

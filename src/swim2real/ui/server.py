@@ -24,8 +24,8 @@ from typing import Any
 from tornado.httpserver import HTTPServer
 from tornado.web import Application, HTTPError, RequestHandler
 
+from markertrack.pages import filled
 from swim2real.ui.calls import CALLS
-from swim2real.ui.page import page
 from swim2real.ui.project import Project
 from swimbase.checking import check
 from swimbase.errors import ArgumentError, Swim2RealError
@@ -64,10 +64,11 @@ class _Guarded(RequestHandler):
 
 
 class _Page(_Guarded):
-    """The page, which holds nothing of the folder."""
+    """The page, which holds nothing of the folder: what it shows it asks for, with the secret of its address."""
 
     def get(self) -> None:
-        self.finish(page())
+        template = Path(__file__).parent / "ui.html"
+        self.finish(filled(template, "swim2real ui", "", {}, allowed=" blob:; connect-src 'self'"))
 
 
 class _Call(_Guarded):
