@@ -14,6 +14,7 @@ from markertrack.video.reader import Frame, first_frame
 from swimbase.errors import VideoError
 
 _NEAR = 24  # frames ahead that are decoded rather than sought
+_KEPT = 8  # decoded frames, for those that are asked for beside one another
 
 
 class SeekableFilm:
@@ -57,6 +58,7 @@ class SeekableFilm:
         self._container, self._stream = open_stream(self._path, self._threads)
         self._stream.thread_type = "AUTO"
         self._next, self._pictures = 0, self._decoded()
+        self._recent: dict[int, VideoFrame] = {}
 
     def _decoded(self) -> Iterator[VideoFrame]:
         try:
@@ -76,15 +78,19 @@ class SeekableFilm:
         if not 0 <= number < len(self._stamps):
             raise VideoError(f"'{self._path}' has frames 0 to {len(self._stamps) - 1}, and none of number {number}")
         stamp = self._stamps[number]
-        if not self._next <= number < self._next + _NEAR:
+        if stamp not in self._recent and not self._next <= number < self._next + _NEAR:
             self._container.seek(stamp, stream=self._stream)
             self._pictures = self._decoded()
-        for stored in self._pictures:
+        while stamp not in self._recent and (stored := next(self._pictures, None)) is not None:
+            if stored.pts is not None:
+                self._recent[stored.pts] = stored
+            if len(self._recent) > _KEPT:
+                del self._recent[next(iter(self._recent))]
             if stored.pts is not None and stored.pts >= stamp:
                 self._next = number + 1
-                if stored.pts > stamp:
-                    break
-                return replace(self._first, index=number, time=self.times[number], _stored=stored)
+                break
+        if stamp in self._recent:
+            return replace(self._first, index=number, time=self.times[number], _stored=self._recent[stamp])
         self.close()
         self._open()
         raise VideoError(f"frame {number} of '{self._path}' can't be decoded; it may be damaged")
