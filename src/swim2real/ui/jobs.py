@@ -85,6 +85,7 @@ class Jobs:
             except Exception as error:
                 job.note(fault=f"unexpected {type(error).__name__}: {error}; the command shows more with --debug")
             finally:
+                job.note(seconds=job.as_dict()["seconds"])
                 job.done.set()
 
         threading.Thread(target=run, name=kind, daemon=True).start()

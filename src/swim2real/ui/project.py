@@ -82,7 +82,7 @@ class Project:
         films: dict[str, dict[str, Any]] = {}
         references: list[dict[str, Any]] = []
         runs: list[dict[str, Any]] = []
-        robots: list[str] = [*ROBOTS]
+        robots = list[str]()
         for path in self._files():
             folder = path.parent
             if path.name == INDEX:
@@ -99,7 +99,7 @@ class Project:
                     films[trial["film"]] |= {"reference": reference["path"], "trial": trial["name"]}
         return {
             "folder": self.root.name, "films": [{"path": path, **film} for path, film in films.items()],
-            "references": references, "runs": runs, "robots": robots,
+            "references": references, "runs": runs, "robots": [*robots, *ROBOTS],
             "taken": sorted({path.stem for path in self.root.iterdir()}),
         }  # fmt: skip
 
