@@ -22,6 +22,7 @@ from .pipeline import track_video as track_video
 from .pipeline import track_videos as track_videos
 from .pipeline.training import train as train
 from .report import write_report as write_report
+from .rl.export import export_policy as export_policy
 from .robots import load_robot as load_robot
 from .robots.robot import Robot as Robot
 from .settings import BriefingSettings as BriefingSettings

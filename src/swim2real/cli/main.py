@@ -28,7 +28,7 @@ from swim2real.cli.calibrate import calibrate, demo
 from swim2real.cli.compare import compare
 from swim2real.cli.film import cut, fetch, import_tracks, pick, quality, track
 from swim2real.cli.first_screen import captured, first_screen
-from swim2real.cli.policy import export_commands, rollout, train
+from swim2real.cli.policy import export_commands, export_policy, rollout, train
 from swim2real.cli.recording import import_recording
 from swim2real.cli.results import evaluate, overlay, report, simulate
 from swim2real.cli.robot import check, export_model, init
@@ -53,7 +53,10 @@ COMMANDS: dict[str, dict[str, Command]] = {
         "view": view, "evaluate": evaluate, "overlay": overlay, "simulate": simulate, "report": report,
         "identify": identify, "ensemble": ensemble, "next": next_trial, "export-model": export_model,
     },
-    "Policies": {"train": train, "rollout": rollout, "export-commands": export_commands, "deploy": deploy},
+    "Policies": {
+        "train": train, "rollout": rollout, "export-policy": export_policy, "export-commands": export_commands,
+        "deploy": deploy,
+    },
 }  # fmt: skip
 # packages whose absence means that only the command line was installed
 CORE = ("av", "filelock", "jinja2", "matplotlib", "mujoco", "numba", "numpy", "PIL", "pooch", "pydantic", "scipy")
