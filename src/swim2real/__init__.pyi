@@ -16,6 +16,7 @@ from .demo import synthetic_reference as synthetic_reference
 from .errors import Swim2RealError as Swim2RealError
 from .objective import Comparison as Comparison
 from .pipeline import calibrate as calibrate
+from .pipeline import export_tracks as export_tracks
 from .pipeline import import_recording as import_recording
 from .pipeline import import_tracks as import_tracks
 from .pipeline import track_video as track_video

@@ -26,7 +26,7 @@ from swimbase.errors import TrialError
 
 COMMANDS = (
     "board", "calibrate", "check", "compare", "cut", "demo", "deploy", "ensemble", "evaluate", "export-commands",
-    "export-model", "export-policy", "fetch", "identify", "import-recording", "import-tracks", "init",
+    "export-model", "export-policy", "export-tracks", "fetch", "identify", "import-recording", "import-tracks", "init",
     "next", "overlay", "pick", "quality", "report", "rollout", "simulate", "track", "train", "view",
 )  # fmt: skip
 FIGURES = {  # promised of `evaluate --json`

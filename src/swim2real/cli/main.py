@@ -26,7 +26,7 @@ from swim2real import __version__, consent
 from swim2real.cli.board import board
 from swim2real.cli.calibrate import calibrate, demo
 from swim2real.cli.compare import compare
-from swim2real.cli.film import cut, fetch, import_tracks, pick, quality, track
+from swim2real.cli.film import cut, export_tracks, fetch, import_tracks, pick, quality, track
 from swim2real.cli.first_screen import captured, first_screen
 from swim2real.cli.policy import export_commands, export_policy, rollout, train
 from swim2real.cli.recording import import_recording
@@ -45,7 +45,7 @@ COMMANDS: dict[str, dict[str, Command]] = {
     "A first look": {"demo": demo},
     "Real trials": {
         "fetch": fetch, "board": board, "pick": pick, "track": track, "import-tracks": import_tracks,
-        "import-recording": import_recording, "cut": cut, "quality": quality,
+        "import-recording": import_recording, "cut": cut, "quality": quality, "export-tracks": export_tracks,
     },
     "A robot of your own": {"init": init, "check": check},
     "Calibration": {"calibrate": calibrate, "compare": compare},

@@ -13,7 +13,7 @@ from swim2real.rl.training_run import SETTINGS, TrainingRun
 from swim2real.settings import TrainingSettings
 from swimbase.checking import read
 from swimbase.errors import ArgumentError, MissingExtraError, RunError
-from swimbase.store import writing
+from swimbase.store import whole_file, write_bytes, writing
 
 _OPSET, _IR = 17, 8  # as old as the graph allows, so that older runtimes read it
 
@@ -47,7 +47,7 @@ def export_policy(policy: str | Path, out: str | Path, *, which: Which = "best",
         return path
     content = _onnx(load_policy(run, which))
     with writing(path, ArgumentError, what="--out"):
-        path.write_bytes(content)
+        write_bytes(path, content)
     return path
 
 
@@ -98,6 +98,6 @@ def _write_zip(run: TrainingRun, path: Path) -> None:
     learner = Learner(settings, RobotVecEnv(environments), discount)
     with whole[-1].errors():
         whole[-1].load(learner)
-    with writing(path, ArgumentError, what="--out"):
-        learner.save_zip(path, whole[-1].step)
+    with writing(path, ArgumentError, what="--out"), whole_file(path) as part:
+        learner.save_zip(part, whole[-1].step)
     environments.close()
