@@ -18,8 +18,8 @@ from swimbase.errors import TrialError
 from swimmers import Swimmer
 
 h5py = pytest.importorskip("h5py", reason="the extra poses isn't installed")
-xr = pytest.importorskip("xarray", reason="the extra poses isn't installed")
-pytest.importorskip("h5netcdf", reason="the extra poses isn't installed")
+pytest.importorskip("xarray", reason="the extra poses isn't installed")
+h5netcdf = pytest.importorskip("h5netcdf", reason="the extra poses isn't installed")
 NAMES = ("head", "middle, of all", "tail")
 
 
@@ -86,3 +86,16 @@ def test_other_files_of_these_endings_are_refused(tmp_path):
         assert says(refusal(TrialError, read_dlc, path, 60), path, "analysis of SLEAP", "DeepLabCut's tables as .csv")
         path.write_bytes(b"nothing of the kind")
         assert says(refusal(TrialError, read_dlc, path, 60), path, "not readable")
+
+
+def test_a_small_file_that_would_fill_the_memory_is_refused(tmp_path):
+    path = tmp_path / "swim.h5"
+    with h5py.File(path, "w") as file:
+        file.create_dataset("tracks", (1, 2, 1000, 10**9), "f4", chunks=(1, 2, 10, 1000), compression="gzip")
+    assert path.stat().st_size < 1e5
+    assert says(refusal(TrialError, read_dlc, path, 60), path, "8000000 MB; at most 537 MB are read")
+    path = tmp_path / "swim.nc"
+    with h5netcdf.File(path, "w") as file:
+        file.dimensions = {"time": 1 << 28, "space": 2}
+        file.create_variable("position", ("time", "space"), "f4", chunks=(1000, 2), compression="gzip")
+    assert says(refusal(TrialError, read_dlc, path, 60), path, "2147 MB; at most 537 MB are read")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -94,10 +95,10 @@ def _write_zip(run: TrainingRun, path: Path) -> None:
         settings.task, run.settings.parameters, settings.environments, robot=run.robot,
         disturbances=run.settings.disturbances,
     )  # fmt: skip
-    discount = environments.task.discount if settings.discount is None else settings.discount
-    learner = Learner(settings, RobotVecEnv(environments), discount)
-    with whole[-1].errors():
-        whole[-1].load(learner)
-    with writing(path, ArgumentError, what="--out"), whole_file(path) as part:
-        learner.save_zip(part, whole[-1].step)
-    environments.close()
+    with closing(environments):
+        discount = environments.task.discount if settings.discount is None else settings.discount
+        learner = Learner(settings, RobotVecEnv(environments), discount)
+        with whole[-1].errors():
+            whole[-1].load(learner)
+        with writing(path, ArgumentError, what="--out"), whole_file(path) as part:
+            learner.save_zip(part, whole[-1].step)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from swimbase.arrays import Array
 from swimbase.errors import MissingExtraError, TrialError
-from swimbase.store import whole_file
+from swimbase.store import MOST_ARRAYS, whole_file
 
 SLEAP, MOVEMENT = (".h5", ".hdf5"), (".nc",)
 _DIMS = ("track", "xy", "node", "frame")  # in which SLEAP writes its axes where the file doesn't say
@@ -79,7 +79,8 @@ def _read_sleap(path: Path) -> _Read:
     import h5py
 
     with h5py.File(path) as file:
-        sets: dict[str, Any] = {str(key): one for key, one in file.items() if isinstance(one, h5py.Dataset)}
+        sets: Mapping[str, Any] = {str(key): one for key, one in file.items() if isinstance(one, h5py.Dataset)}
+        _check_size(sum(one.nbytes for one in sets.values()))
         content = {key: one[()] for key, one in sets.items()}
         dims = {key: json.loads(one.attrs["dims"]) for key, one in sets.items() if "dims" in one.attrs}
     tracks = _ordered(content["tracks"], dims.get("tracks", _DIMS), _DIMS)
@@ -96,6 +97,12 @@ def _read_sleap(path: Path) -> _Read:
         there |= _ordered(content["track_occupancy"], order, ("track", "frame")).any(axis=0)
     names = _texts(content.get("track_names", ())) or [_ANIMAL]
     return np.flatnonzero(there).astype(float), names, _texts(content["node_names"]), cells[:, :, there]
+
+
+def _check_size(size: int) -> None:
+    """Refuses more bytes than are read, before any is unpacked."""
+    if size > MOST_ARRAYS:
+        raise ValueError(f"its arrays have {size / 1e6:.0f} MB; at most {MOST_ARRAYS / 1e6:.0f} MB are read")
 
 
 def _ordered(values: Array, dims: Sequence[str], wanted: Sequence[str]) -> Array:
@@ -139,6 +146,7 @@ def _read_movement(path: Path) -> _Read:
     import xarray as xr
 
     with xr.open_dataset(path) as data:
+        _check_size(data.nbytes)
         time = np.asarray(data["time"].values, float)
         frames = np.rint(time * float(data.attrs["fps"])) if data.attrs.get("time_unit") == "seconds" else time
         position = data["position"].sel(space=["x", "y"]).transpose("individuals", "keypoints", "time", "space")
