@@ -23,7 +23,7 @@ _USABLE = 0.25  # share of the motion that a usable fit leaves unexplained at mo
 _USABLE_READINGS = 0.1  # the same of readings alone, which hide more, where they are far above the noise
 _FAR = 10.0  # times the noise
 _NEAR = 4.0  # times the noise of the data, up to which an error is near it
-AT_NOISE = 2.0  # times it: where so little is left, nothing can be much lower; at hidden values it is 0.7 to 1.6
+AT_NOISE = 2.0  # times it: where so little is left, nothing can be much lower; of known fits it is 0.7 to 1.6
 _ENDS = {
     "budget": "the budget of {made} evaluations is spent", "minutes": "the minutes are over",
     "interrupted": "it was interrupted", "stopped": "it was stopped",
