@@ -96,6 +96,20 @@ def test_what_is_shown_in_a_notebook_is_short_and_escaped(run, reference):
         assert "<Trial" not in page
 
 
+def test_results_are_tables_of_pandas(reference):
+    tracks = reference.to_dataframe()
+    first = reference.trials[0]
+    assert len(tracks) == sum(one.track.confidence.size for one in reference)
+    for column, name in enumerate(("x", "y")):
+        series = tracks.loc[first.name][name].unstack("marker")[list(reference.marker_names)]
+        np.testing.assert_array_equal(series, first.track.positions[..., column])
+    compared = swim2real.evaluate(PENDULUM.space.published, reference, PENDULUM)
+    figures = compared.to_dataframe()
+    assert list(figures.index) == list(reference.names)
+    assert figures["aligned_marker_error"].mean() == pytest.approx(compared.figure("aligned_marker_error"))
+    assert all(kind.kind in "fiub" or name == "divergence" for name, kind in figures.dtypes.items()), figures.dtypes
+
+
 @pytest.mark.parametrize(
     ("setting", "value", "said"),
     [("budget", "12", "budget is '12'; it must be a whole number"),
@@ -138,6 +152,10 @@ def test_a_run_is_studied_and_the_next_trial_proposed(run, reference):
     settings = swim2real.IdentifiabilitySettings(rounds=1)
     study = swim2real.identify(folder, reference, settings, robot=PENDULUM, threads=1)
     assert set(study.intervals) == set(PENDULUM.space.names)
+    table = study.to_dataframe()
+    assert list(table.index) == list(study.intervals)
+    assert (table["low"] <= table["median"]).all()
+    assert (table["median"] <= table["high"]).all()
     found = swim2real.next_trial(folder, reference, robot=PENDULUM, threads=1)
     assert found["candidates"][0]["volume"] <= found["candidates"][-1]["volume"]
     assert (folder / "next" / "next.csv").is_file()

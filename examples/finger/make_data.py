@@ -8,7 +8,6 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
-from pool import PoolCamera
 
 from swim2real.robots import load_robot
 from swim2real.robots.compiled import set_linear
@@ -16,6 +15,7 @@ from swim2real.trials import Signals
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from lab import Lab, Take
+from pool import PoolCamera
 
 ROBOT = load_robot(Path(__file__).with_name("finger.toml"))
 HIDDEN = {

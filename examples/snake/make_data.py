@@ -7,12 +7,12 @@ import sys
 from pathlib import Path
 
 import mujoco
-from pool import PoolCamera
 
 from swim2real.robots import load_robot
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from lab import Lab, Take
+from pool import PoolCamera
 
 ROBOT = load_robot(Path(__file__).with_name("snake.toml"))
 HIDDEN = {

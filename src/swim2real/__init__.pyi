@@ -16,12 +16,14 @@ from .demo import synthetic_reference as synthetic_reference
 from .errors import Swim2RealError as Swim2RealError
 from .objective import Comparison as Comparison
 from .pipeline import calibrate as calibrate
+from .pipeline import export_tracks as export_tracks
 from .pipeline import import_recording as import_recording
 from .pipeline import import_tracks as import_tracks
 from .pipeline import track_video as track_video
 from .pipeline import track_videos as track_videos
 from .pipeline.training import train as train
 from .report import write_report as write_report
+from .rl.export import export_policy as export_policy
 from .robots import load_robot as load_robot
 from .robots.robot import Robot as Robot
 from .settings import BriefingSettings as BriefingSettings

@@ -35,6 +35,17 @@ def test_a_fit_near_the_noise_is_good_whatever_evaluations_ended_it(trials):
     assert verdict.unexplained == pytest.approx(error / motion)
 
 
+def test_a_spent_budget_is_good_only_where_the_error_can_be_all_noise(trials):
+    error, _ = error_and_motion(trials["hidden"], ROBOT)
+    assert error < 2 * NOISE  # nothing is left to find
+    found = {
+        (ending, times): judge(trials["hidden"], ROBOT, Search(ending, "", 8), error / times).kind
+        for ending in ("budget", "most", "done")
+        for times in (1.9, 3.0)
+    }
+    assert {key for key, kind in found.items() if kind != "good"} == {("budget", 3.0), ("most", 3.0)}
+
+
 @pytest.mark.parametrize(("search", "said"), [
     (CUT, ("the minutes are over", "--resume searches on, about 2 min more")),
     (replace(CUT, ending="interrupted"), ("it was interrupted", "--resume")),

@@ -26,7 +26,7 @@ from swimbase.errors import TrialError
 
 COMMANDS = (
     "board", "calibrate", "check", "compare", "cut", "demo", "deploy", "ensemble", "evaluate", "export-commands",
-    "export-model", "fetch", "identify", "import-recording", "import-tracks", "init",
+    "export-model", "export-policy", "export-tracks", "fetch", "identify", "import-recording", "import-tracks", "init",
     "next", "overlay", "pick", "quality", "report", "rollout", "simulate", "track", "train", "view",
 )  # fmt: skip
 FIGURES = {  # promised of `evaluate --json`
@@ -258,8 +258,9 @@ def test_a_run_is_moved_with_its_reference_and_goes_on(program, pendulum_folder,
     assert (moved / "runs/run/settings.json").read_text() == settings
     other = shutil.copytree(moved / "tracks", tmp_path / "other")
     (other / "b.csv").write_text("\n".join((other / "b.csv").read_text().splitlines()[:-1]) + "\n")
-    said = program("identify", moved / "runs/run", "--reference", other).sentence(1)
-    assert said.endswith(f"give the one that it was made with, {moved / 'tracks'}")
+    refused = program("identify", moved / "runs/run", "--reference", other)
+    assert refused.code == 1
+    assert refused.err.rstrip().endswith(f"give the one that it was made with, {moved / 'tracks'}")
 
 
 def test_report_writes_pages_again(program, run, tmp_path):

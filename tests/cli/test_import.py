@@ -12,6 +12,7 @@ import pytest
 from markertrack.camera_file import CameraFile, Length, write_camera
 from markertrack.quality import check_track
 from markertrack.track import MarkerTrack
+from swim2real.cli import main
 from swim2real.cli.film import import_tracks
 from swim2real.robots.fish import FISH
 from swim2real.trials import TrialSet, load_reference, save_reference
@@ -39,6 +40,21 @@ def assert_same_shape(trial, truth):
 def imported(tmp_path, *tables, **options):
     defaults = {"to": tmp_path / "reference", "fps": 60.0, "robot": "fish", "camera": None, "frequency": ()}
     return import_tracks(tables, **{**defaults, "controls": (), "sensors": (), **options})
+
+
+def test_tracks_are_exported_and_imported_again(tmp_path, capsys):
+    table = tmp_path / "swim.csv"
+    film(table)
+    assert imported(tmp_path, table, frequency=(1.5,)) == 0
+    with pytest.raises(SystemExit, match="0"):
+        main(["export-tracks", str(tmp_path / "reference"), "--to", str(tmp_path / "out"), "--format", "deeplabcut"])
+    path = tmp_path / "out" / "swim.csv"
+    assert f"{path}: at 60 fps" in capsys.readouterr().out
+    assert imported(tmp_path, path, to=tmp_path / "again", frequency=(1.5,)) == 0
+    one, other = (load_reference(tmp_path / name)["swim"] for name in ("reference", "again"))
+    np.testing.assert_allclose(other.track.times, one.track.times, atol=1e-9)
+    np.testing.assert_array_equal(other.track.confidence, one.track.confidence)
+    np.testing.assert_allclose(other.track.body, one.track.body, atol=1e-9)
 
 
 def test_pose_tables_become_trials_in_meters(tmp_path, capsys):

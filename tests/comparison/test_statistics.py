@@ -154,3 +154,11 @@ def test_the_tables_of_recordings_have_the_figures_that_there_are() -> None:
     turning = {table.key: table for table in tables(playback_results(heading_error=math.pi / 2), "playback")}
     assert turning["figures"].columns[-1] == "Heading error (°)"
     assert turning["figures"].rows[0][1][-1].text == "90.0 ± 0.0"
+
+
+def test_a_comparison_is_a_table_with_a_row_for_each_run():
+    results = two_methods()
+    table = results.to_dataframe()
+    assert list(zip(table["method"], table["seed"], strict=True)) == [(run.method, run.seed) for run in results.runs]
+    assert list(table["loss"]) == [float(run.best[-1]) for run in results.runs]
+    assert set(results.runs[0].values) <= set(table.columns)

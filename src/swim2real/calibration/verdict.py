@@ -22,7 +22,8 @@ from swimbase.arrays import Array
 _USABLE = 0.25  # share of the motion that a usable fit leaves unexplained at most
 _USABLE_READINGS = 0.1  # the same of readings alone, which hide more, where they are far above the noise
 _FAR = 10.0  # times the noise
-NEAR = 4.0  # times the noise of the data, up to which an error is near it
+_NEAR = 4.0  # times the noise of the data, up to which an error is near it
+AT_NOISE = 2.0  # times it: where so little is left, nothing can be much lower; of known fits it is 0.7 to 1.6
 _ENDS = {
     "budget": "the budget of {made} evaluations is spent", "minutes": "the minutes are over",
     "interrupted": "it was interrupted", "stopped": "it was stopped",
@@ -76,8 +77,8 @@ def judge(
         return _verdict("not usable", f"{left}, {worst}; {helps}", share, seconds)
     if backward is not None:
         return _verdict("not usable", backward.removeprefix("unusable: "), share, seconds)
-    near = noise is not None and error <= NEAR * noise
-    if search.ending == "done" or (near and search.ending in ("budget", "most")):
+    near, at = (noise is not None and error <= times * noise for times in (_NEAR, AT_NOISE))
+    if search.ending == "done" or (at and search.ending in ("budget", "most")):
         why = "which is near the noise" if near else f"and no parameters that were found explain more: {worst}"
         return _verdict("good", f"{left}, {why}{f'; {search.conclusion}' * bool(search.conclusion)}", share)
     ended = _ENDS.get(search.ending, "it has not ended").format(made=search.made)

@@ -1,4 +1,4 @@
-"""`fetch`, `pick`, `track`, `import-tracks`, `cut`, `quality`: from published tables, videos, tracks to a reference."""
+"""From published tables, videos and tracks to a reference, from `fetch` to `quality`, and back: `export-tracks`."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import math
 import shlex
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 from tyro.conf import Positional
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 AUTO = "auto"
 LOST = "Frames for which each marker is lost [%]"
 MOST_REFUSED = 10  # markers of a trial that a refusal names
+PoseFormat = Annotated[Literal["deeplabcut", "sleap", "movement"], tyro.conf.arg(name="format")]
 Findings = dict[str, dict[str, Any]]  # of the trials, by name
 
 
@@ -176,8 +177,8 @@ def import_tracks(
 ) -> int:  # fmt: skip
     """Make trials of other programs' tracks: tables of DeepLabCut, SLEAP, or others with columns NAME.x and NAME.y.
 
-    With --midline of midlines: of trackter and fishmechr (rows of frame, point, x, y), TRex (its posture npz), and
-    WormTracer (NAME_x.csv, with NAME_y.csv beside it).
+    Also SLEAP's analyses (.h5) and movement's data sets (.nc). With --midline of midlines: of trackter and fishmechr
+    (rows of frame, point, x, y), TRex (its posture npz), and WormTracer (NAME_x.csv, with NAME_y.csv beside it).
 
     Args:
         tables: Tables, one per trial, in pixels; their frames are counted from the video's first, 0.
@@ -205,6 +206,26 @@ def import_tracks(
         for line in one.notes:
             say(f"{one.trial.name}: {line}")
     say(f"{to}: check the tracks with: swim2real quality {word(to)}{for_robot(robot)}")
+    return 0
+
+
+def export_tracks(
+    reference: Positional[opt.Reference], *, to: Path, kind: PoseFormat = "deeplabcut", trials: tuple[str, ...] = (),
+) -> int:  # fmt: skip
+    """Write tracks for other programs, in pixels with y down: a table or file per trial.
+
+    Tracks of videos are written as they were seen, others in pixels of the trial's scale, or of 1 mm. `import-tracks`
+    reads all three.
+
+    Args:
+        to: Folder to write.
+        kind: deeplabcut: a table, .csv. sleap: an analysis, .h5. movement: a data set, .nc.
+        trials: Names of the trials; by default all.
+    """
+    from swim2real import pipeline
+
+    for path, rate in pipeline.export_tracks(reference, to, kind, trials):
+        say(f"{path}: at {rate:g} fps")
     return 0
 
 

@@ -26,9 +26,9 @@ from swim2real import __version__, consent
 from swim2real.cli.board import board
 from swim2real.cli.calibrate import calibrate, demo
 from swim2real.cli.compare import compare
-from swim2real.cli.film import cut, fetch, import_tracks, pick, quality, track
+from swim2real.cli.film import cut, export_tracks, fetch, import_tracks, pick, quality, track
 from swim2real.cli.first_screen import captured, first_screen
-from swim2real.cli.policy import export_commands, rollout, train
+from swim2real.cli.policy import export_commands, export_policy, rollout, train
 from swim2real.cli.recording import import_recording
 from swim2real.cli.results import evaluate, overlay, report, simulate
 from swim2real.cli.robot import check, export_model, init
@@ -46,7 +46,7 @@ COMMANDS: dict[str, dict[str, Command]] = {
     "A first look": {"demo": demo, "ui": ui},
     "Real trials": {
         "fetch": fetch, "board": board, "pick": pick, "track": track, "import-tracks": import_tracks,
-        "import-recording": import_recording, "cut": cut, "quality": quality,
+        "import-recording": import_recording, "cut": cut, "quality": quality, "export-tracks": export_tracks,
     },
     "A robot of your own": {"init": init, "check": check},
     "Calibration": {"calibrate": calibrate, "compare": compare},
@@ -54,7 +54,10 @@ COMMANDS: dict[str, dict[str, Command]] = {
         "view": view, "evaluate": evaluate, "overlay": overlay, "simulate": simulate, "report": report,
         "identify": identify, "ensemble": ensemble, "next": next_trial, "export-model": export_model,
     },
-    "Policies": {"train": train, "rollout": rollout, "export-commands": export_commands, "deploy": deploy},
+    "Policies": {
+        "train": train, "rollout": rollout, "export-policy": export_policy, "export-commands": export_commands,
+        "deploy": deploy,
+    },
 }  # fmt: skip
 # packages whose absence means that only the command line was installed
 CORE = ("av", "filelock", "jinja2", "matplotlib", "mujoco", "numba", "numpy", "PIL", "pooch", "pydantic", "scipy")

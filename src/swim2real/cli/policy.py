@@ -1,4 +1,4 @@
-"""`train`, `rollout` and `export-commands`: policies in the calibrated simulator."""
+"""`train`, `rollout`, `export-policy` and `export-commands`: policies in the calibrated simulator."""
 
 from __future__ import annotations
 
@@ -252,6 +252,25 @@ def rollout(
         if body.name != run.settings.robot:
             say(f"Trained in a simulator of robot '{run.settings.robot}', assessed in one of '{body.name}'")
         say(f"Written: {page}, rollout.json, episodes.npz{', rollout.mp4' if film else ''}")
+    return 0
+
+
+def export_policy(
+    policy: Positional[opt.Policy], *, out: Path, robot: opt.RobotOfRun = None, which: opt.Which = "best"
+) -> int:
+    """Write a policy for other programs: .onnx, or .zip, which Stable-Baselines3 trains on.
+
+    The .onnx takes observations (N, n) and gives actions (N, A) from -1 to 1, at 50 Hz, as float32. The .zip is the
+    last checkpoint: networks, optimizers and settings, without the replay buffer.
+
+    Args:
+        out: File to write, .onnx or .zip.
+    """
+    from swim2real.rl import export
+
+    path = export.export_policy(policy, out, which=which, robot=robot)
+    reads = "onnxruntime.InferenceSession" if path.suffix == ".onnx" else "stable_baselines3.SAC.load"
+    say(f"{path}: {reads} reads it")
     return 0
 
 

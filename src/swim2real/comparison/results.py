@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
 from pydantic import Field, TypeAdapter
@@ -25,6 +25,9 @@ from swimbase.arrays import Array
 from swimbase.errors import RunError, Swim2RealError
 from swimbase.names import quoted
 from swimbase.store import read_text, write_json, write_text, writing
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 FORMAT = 1
 RESULTS, TABLE = "results.json", "results.csv"
@@ -146,6 +149,19 @@ class ComparisonResults:
         return tuple(
             run for run in self.runs if (run.method, run.protocol) == (method, protocol) and run.held_out is not None
         )
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """A row for each run: what was run, its best loss [m], evaluations, seconds, and the best parameters."""
+        import pandas as pd
+
+        rows = [
+            {
+                "method": run.method, "protocol": run.protocol, "seed": run.seed, "held_out": run.held_out,
+                "loss": float(run.best[-1]), "evaluations": len(run.losses), "seconds": run.seconds, **run.values,
+            }
+            for run in self.runs
+        ]  # fmt: skip
+        return pd.DataFrame(rows)
 
     def as_dict(self) -> dict[str, object]:
         """Ready for JSON. Each run has its curve of the best loss in it, too."""

@@ -11,7 +11,7 @@ import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Literal, Self
+from typing import TYPE_CHECKING, Literal, Self
 
 import numpy as np
 from pydantic import BaseModel, FiniteFloat, NonNegativeFloat, NonNegativeInt, model_validator
@@ -22,6 +22,7 @@ from swim2real.calibration.loop import write_fit
 from swim2real.calibration.provenance import made_by
 from swim2real.calibration.run_folder import RunFolder
 from swim2real.calibration.sensitivity import Slopes
+from swim2real.calibration.verdict import AT_NOISE
 from swim2real.identification.evaluated import EvaluatedPoint, evaluated, independent_numbers
 from swim2real.identification.finished_run import FinishedRun
 from swim2real.identification.posterior import BATCH, Posterior, draw, first_points
@@ -37,6 +38,9 @@ from swimbase.arrays import Array
 from swimbase.checking import read
 from swimbase.errors import RunError
 
+if TYPE_CHECKING:
+    import pandas as pd
+
 FORMAT = 3
 IDENTIFIABILITY = "identifiability.json"
 IDENTIFIED = "identified.json"  # the parameters file of the lowest point that was seen
@@ -44,7 +48,6 @@ EVALUATED = "identifiability.npz"  # evaluated points with their residuals, from
 _WIDER = 2.5  # times as wide as the draws' own, 95 % intervals hold 95 % of known truths (interval_coverage.py)
 _SHARES = {"50": (25.0, 75.0, 1.15), "95": (2.5, 97.5, _WIDER)}  # percentiles of the draws, and how much wider
 _FAR = 15.0  # times the noise of the markers; residuals of true values are 8 to 13 times as large in demo and snake
-_AT_NOISE = 2.0  # times it: where so little is left, no other minimum can be much lower
 _NAMED = 0.8  # of a direction's square that its named parameters hold
 _KEPT = 200  # draws in the file
 PREDICTING = 25  # sets whose swims are a prediction
@@ -157,6 +160,14 @@ class Study(BaseModel, extra="allow"):
                 then, now = (json.dumps(one)[:80] for one in (content.get(key), value))
                 return f"another {key}: it was {then} and is now {now}"
         return ""
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """The intervals by parameter, in its unit: `median`, `low` and `high` (95 %), `width` and `known`."""
+        import pandas as pd
+
+        rows = {name: (one.median, *one.interval_95, one.width, one.known) for name, one in self.intervals.items()}
+        columns = ["median", "low", "high", "width", "known"]
+        return pd.DataFrame.from_dict(rows, orient="index", columns=columns).rename_axis("parameter")
 
 
 @dataclass(frozen=True)
@@ -399,7 +410,7 @@ def doubted(misfit: float, noise: float | None, lowest: float, ends: Sequence[fl
             f"the run has followed {len(ends)} of its starts to the end, so one minimum was looked at, at most, and "
             f"another may fit as well"
         )
-    elif near < 2 and (noise is None or misfit > _AT_NOISE * noise):
+    elif near < 2 and (noise is None or misfit > AT_NOISE * noise):
         why = (
             f"of {len(ends)} starts that were followed to their end, {near} ended within {100 * AGREEMENT:.0f} % of "
             f"the lowest loss, {1e3 * lowest:.2f} mm, which is above the noise: a lower minimum may be left"

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
 from swim2real.objective.figures import AVERAGED
 from swim2real.objective.trial import FAILED_LOSS, LEAST_DISTANCE, TAIL_FIRST_LOSS, ComparedTrial
 from swimbase.arrays import Array
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 _DIGITS = 9  # significant digits of a number in JSON
 
@@ -105,6 +108,14 @@ class Comparison:
     def figure(self, name: str) -> float:
         """One overall figure."""
         return float(np.mean([trial.figures()[name] for trial in self.trials]))
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """The figures of each trial [SI], a row for each, without those that are several numbers."""
+        import pandas as pd
+
+        rows = {trial.name: trial.figures() for trial in self.trials}
+        table = pd.DataFrame.from_dict(rows, orient="index").rename_axis("trial")
+        return table.loc[:, [not table[name].map(lambda cell: np.iterable(cell)).any() for name in table]]
 
     def figures(self) -> dict[str, Any]:
         """Every figure overall and per trial, in SI."""

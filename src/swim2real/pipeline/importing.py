@@ -1,27 +1,35 @@
-"""Trials of what other programs wrote: tables of tracks, and logs of controllers, encoders or motion capture."""
+"""Trials of what other programs wrote, tracks and logs of controllers or encoders; and tracks as they read them."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
+
+import numpy as np
 
 from markertrack.camera import Camera, camera_for
 from markertrack.camera_file import CameraFile, read_camera
 from markertrack.span import Span, spans
 from markertrack.track import MarkerTrack
 from swim2real.pipeline.recording import Recorded, Wanted, recorded
+from swim2real.pipeline.tracking import TRACKS
 from swim2real.robots.robot import Robot
 from swim2real.trials import Trial, load_reference
 from swim2real.trials.log_table import read_log
 from swim2real.trials.midline_tables import read_midlines
-from swim2real.trials.pose_tables import read_poses
+from swim2real.trials.pose_tables import read_dlc, read_poses, write_poses
 from swim2real.trials.published import nominal_frequency
 from swim2real.trials.reference import INDEX, add_trial, check_folder
 from swim2real.trials.signals import read_signals
 from swim2real.trials.timebase import TABLES, Timebase, by_stamps, contradictions
 from swimbase.errors import ArgumentError
 from swimbase.names import composed
+
+Format = Literal["deeplabcut", "sleap", "movement"]
+_MILLIMETER = 1e-3  # m
+_ENDINGS: dict[Format, str] = {"deeplabcut": ".csv", "sleap": ".h5", "movement": ".nc"}
 
 
 @dataclass(frozen=True)
@@ -154,4 +162,39 @@ def import_recording(
         )  # fmt: skip
     for one in made:
         add_trial(folder, one.trial, robot.marker_names)
+    return made
+
+
+def export_tracks(
+    reference: str | Path, to: str | Path, kind: Format = "deeplabcut", trials: Sequence[str] = ()
+) -> list[tuple[Path, float]]:
+    """Writes the tracks of a reference for other programs, in pixels with y down, a file per trial.
+
+    What `track` saw in a video is written as it was seen, before it was smoothed or filled in. Of a trial without a
+    video the positions are turned into pixels of the trial's scale, or of 1 mm where it has none.
+
+    Args:
+        reference: Reference folder.
+        to: Folder to write.
+        kind: Whose format: a DeepLabCut table, an analysis of SLEAP, or a data set of movement.
+        trials: Names of the trials; by default all.
+
+    Returns:
+        The files, and the frames per second of each [Hz].
+
+    Raises:
+        TrialError: There is no such trial, or a file can't be written.
+        MissingExtraError: The library for the format isn't installed.
+    """
+    known, folder, made = load_reference(reference), Path(to), list[tuple[Path, float]]()
+    for trial in [known[name] for name in trials or known.names]:
+        table, rate = Path(reference) / TRACKS / f"{trial.name}.pixels.csv", trial.fps
+        seen = read_dlc(table, rate)[0] if table.is_file() else None
+        if seen is None or seen.frame_count != trial.track.frame_count:  # of another trial of that name
+            pixels = trial.track.positions / (trial.meters_per_pixel or _MILLIMETER) * (1, -1)
+            seen = MarkerTrack(np.arange(trial.track.frame_count) / rate, pixels, trial.track.confidence)
+        folder.mkdir(parents=True, exist_ok=True)
+        path = folder / f"{trial.name}{_ENDINGS[kind]}"
+        write_poses(seen, known.marker_names, path, rate)
+        made.append((path, rate))
     return made

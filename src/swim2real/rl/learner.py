@@ -156,6 +156,8 @@ class Learner:
         self._sac = SAC(
             "MlpPolicy", environments, learning_rate=settings.learning_rate, buffer_size=settings.replay,
             batch_size=settings.batch, tau=settings.target_rate, gamma=discount,
+            learning_starts=settings.exploration_steps, train_freq=TRAIN_FREQ // settings.environments,
+            gradient_steps=settings.updates_per_round,  # which `SAC.learn` of a saved .zip takes
             policy_kwargs={"net_arch": list(settings.layers), "optimizer_kwargs": {"fused": True}},
             seed=settings.seed, device="cpu",
         )  # fmt: skip
@@ -239,6 +241,16 @@ class Learner:
         state = ("MT19937", stored["random"], int(position), int(has_gauss), float(gauss))
         np.random.set_state(state)  # noqa: NPY002
         self._sac._n_updates = int(stored["updates"])  # pyright: ignore[reportPrivateUsage]
+
+    def save_zip(self, path: Path, step: int) -> None:
+        """Writes a .zip that `stable_baselines3.SAC.load` trains on, without the replay buffer, between two rounds.
+
+        Args:
+            path: Path of the .zip.
+            step: Environment steps that were made.
+        """
+        self._sac.num_timesteps = step
+        self._sac.save(path)
 
     def _set_tensors(self, given: Mapping[str, torch.Tensor]) -> None:
         """Takes over networks, optimizers and the random state of torch, by their names as in `networks.npz`."""

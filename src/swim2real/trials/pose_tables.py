@@ -1,7 +1,8 @@
 """Pose tables: x, y and likelihood per marker, a row per frame. Pixels, y down.
 
 Written as DeepLabCut does it, which DeepLabCut, movement and napari read. Read are its tables, SLEAP's, and any other
-whose columns are named after a marker and a coordinate; no library of theirs is needed for it.
+whose columns are named after a marker and a coordinate; no library of theirs is needed for it. The files of SLEAP and
+movement, which are no text, are read and written as well.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from markertrack.track import MarkerTrack
+from swim2real.trials import pose_files
 from swim2real.trials.text_table import TextTable, read_table, write_table
 from swimbase.arrays import Array
 from swimbase.errors import TrialError
@@ -24,6 +26,7 @@ _COORDS = ("x", "y", "likelihood")
 _SURE = re.compile("likelihood|score|confidence|conf|p|prob|probability", re.IGNORECASE)
 _COLUMN = re.compile(rf"(.+)[._: ](x|y|{_SURE.pattern})", re.IGNORECASE)
 _FRAME = re.compile(r"frame.*|coords|bodyparts|", re.IGNORECASE)
+_FILES = (*pose_files.SLEAP, *pose_files.MOVEMENT)
 _ROUNDING = 1e-6  # by which a likelihood may lie outside 0 and 1 without a word
 
 
@@ -52,6 +55,26 @@ def write_dlc(track: MarkerTrack, names: Sequence[str], path: str | Path, scorer
         write_table(Path(path), heads, ([frame, *row] for frame, row in enumerate(cells.tolist())))
     except OSError as error:
         raise TrialError(f"can't write '{path}': {error.strerror or error}") from error
+
+
+def write_poses(track: MarkerTrack, names: Sequence[str], path: Path, fps: float) -> None:
+    """Writes a track as its ending says: .csv of DeepLabCut, .h5 of SLEAP, or .nc of movement.
+
+    Args:
+        track: Track in pixels, its time 0 at the film's first frame.
+        names: Names of its M markers.
+        path: Path of the file, which is written whole or not at all.
+        fps: Frames per second of the film.
+
+    Raises:
+        TrialError: The names aren't the track's, or the file can't be written.
+        MissingExtraError: The library that writes it isn't installed.
+    """
+    if path.suffix.lower() not in _FILES:
+        write_dlc(track, names, path)
+    else:
+        frames = np.rint(track.times * fps).astype(int)
+        pose_files.write_file(path, frames.tolist(), track.positions, track.confidence, names, fps)
 
 
 def read_dlc(path: str | Path, fps: float) -> tuple[MarkerTrack, tuple[str, ...]]:
@@ -138,6 +161,11 @@ def _read(path: Path, fps: float) -> tuple[Array, Mapping[str, Markers]]:
     """Times of the rows after the film's first frame [s], of shape (T,), and the markers of each animal."""
     if not (np.isfinite(fps) and fps > 0):
         raise TrialError(f"{path}: fps is {fps}; it must be finite and above 0")
+    if path.suffix.lower() in _FILES:
+        frames, seen = pose_files.read_file(path)
+        if len(frames) < 2:
+            raise TrialError(f"{path}: {len(frames)} frames; a track needs at least 2")
+        return frames / fps, seen
     table = read_table(path)
     rows = {head[0]: head[1:] for head in table.heads}
     if "bodyparts" in rows and "coords" in rows:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 from pydantic import Field
@@ -18,6 +18,9 @@ from swim2real.trials.timebase import TABLES, Timebase
 from swimbase.checking import Number, Positive, did_you_mean
 from swimbase.errors import TrialError, about
 from swimbase.names import composed, file_name_fault, label_fault, quoted
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 _SHORTEST, _LONGEST = 1e-6, 10.0  # s from one row to the next, on average
 Share = Annotated[Number, Field(ge=-0.5, le=0.5)]
@@ -247,6 +250,17 @@ class TrialSet:
     @property
     def names(self) -> tuple[str, ...]:
         return tuple(trial.name for trial in self.trials)
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """The tracks, a row for each trial, time [s] and marker: `x`, `y` [m] and `confidence`."""
+        import pandas as pd
+
+        tables: dict[str, pd.DataFrame] = {}
+        for one in self:
+            rows = pd.MultiIndex.from_product([one.track.times, self.marker_names], names=["time", "marker"])
+            cells = np.concatenate([one.track.positions, one.track.confidence[..., None]], axis=2)
+            tables[one.name] = pd.DataFrame(cells.reshape(-1, 3), rows, ["x", "y", "confidence"])
+        return pd.concat(tables, names=["trial"])
 
     def split(self, held_out: Iterable[str]) -> tuple[TrialSet, TrialSet | None]:
         """The set without the named trials, and the set of them (None when no name is given).
