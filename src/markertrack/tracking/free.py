@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
+from markertrack.tracking.colors import OwnColors
 from markertrack.tracking.looks import LIKE, Looks, squares
 from markertrack.tracking.spots import Spots
 from markertrack.tracking.tracker import DOUBT, REASONS, Array, Image, Mask, check_order, inside
@@ -27,6 +28,7 @@ MOST_OFF = 1.0, 0.1  # px, or radii, by which a marker's points may disagree
 NEAR = 0.6, 2.0  # radii and px from where it was carried within which its spot lies
 FAR = 1.5  # radii within which one is looked for that wasn't carried, besides how it may have moved
 NEARBY = 8.0  # radii, besides its step, within which one is looked for by its picture
+MOST_ASIDE = 3.0, 0.5  # px, or radii, by which its picture may be beside where it was carried
 SMALL = 5.0  # px radius, below which a picture tells the place of a marker better than flow does
 SOON = 10  # frames after which a marker that was lost is only believed to be found again if it can't be another
 CARRIED = 8  # frames for which flow alone is followed
@@ -37,6 +39,7 @@ SAME, SURELY = 0.75, 0.85  # correlation with its picture where it was carried t
 BESIDE = 3.0  # radii from its place from which on a marker isn't in the picture of a spot
 UNLIKE = 0.5  # of a spot's contrast, by which one that stays may differ from what it was
 RATIO = 0.5  # of the distance to another marker or spot that may be meant as well
+EVEN = 0.5  # likelihood of colors to be the marker's, from which they are rather than not
 AHEAD = 0.5  # of its step by which a marker may be beside where it is expected
 SLOWER = 0.5, 0.9  # of the speed in each frame in which it isn't seen, and of the largest one
 APART = 0.5  # of the sum of two markers' radii
@@ -83,7 +86,7 @@ class FreeTracker:
             time: Time stamp [s].
         """
         count = len(places)
-        self._looks, self._flow = looks, _Flow(image)
+        self._looks, self._flow, self._colors = looks, _Flow(image), OwnColors(image, places, looks.radii)
         self._places, self._last, self.radii = places.copy(), places.copy(), looks.radii
         self._steps, self._fastest = np.zeros((count, 2)), np.zeros(count)
         self._doubtful = np.where(certain, 0, 1)  # frames since it was certain
@@ -91,7 +94,8 @@ class FreeTracker:
         self._lost = ~certain  # whether flow didn't carry it on since it was certain
         self._agreed = np.where(certain, AGAIN, 0)  # frames in which it was seen, one after the other
         self._time = time
-        self._before = [(self._flow.picture, places.copy())] if certain.all() else []
+        now = _Known(self._flow.picture, np.where(certain[:, None], places, np.nan))
+        self._known = [[now, now] if one else [] for one in certain]
         self.reasons = {reason: np.zeros(count, dtype=np.int64) for reason in REASONS}
 
     def turn(self) -> None:
@@ -111,11 +115,12 @@ class FreeTracker:
         carried = moves.errors < np.maximum(MOST_OFF[0], MOST_OFF[1] * self.radii)
         carried &= (self._agreed > 0) | (self._doubtful <= CARRIED)
         carried &= inside(self._places + moves.steps, image)
-        carried &= ~self._stood(self._places + moves.steps, self.radii)  # else flow follows what is behind it
+        carried &= ~self._stood(self._places + moves.steps, np.arange(len(carried)))  # else flow follows what is behind it
         expected = self._places + np.where(carried[:, None], moves.steps, self._steps)
         self._looks.grow(np.where(carried, moves.growths, 1.0))
         found = self._spots(image, expected, carried, moves)
         positions, confidence = self._seen(image, expected, carried, found)
+        colored, seated = self._by_color(image, expected, carried, positions, confidence, found)
         lost = self._doubles(positions, confidence)
         positions[lost], confidence[lost], found.chosen[lost] = np.nan, 0.0, -1
         self._agreed = np.where(confidence > DOUBT, self._agreed + 1, 0)
@@ -125,16 +130,20 @@ class FreeTracker:
         self._jumped |= self._lost & ((self._doubtful > SOON) | ((confidence > DOUBT) & ~(off < near)))
         settled = sure & ~self._jumped
         for marker in np.flatnonzero(sure & self._jumped).tolist():
-            sure[marker] = self._only(image, marker, positions, settled)
+            sure[marker] = colored[marker] or self._only(image, marker, positions, settled)
         self._count(positions, sure, found.alone)
-        if sure.all() and self._before:
-            moved = np.linalg.norm(positions - self._before[0][1], axis=1) > BESIDE * self.radii
-            if moved.all():
-                self._before[1:] = [(self._flow.picture, positions.copy())]
-        self._take(positions, confidence > DOUBT, sure, moves, carried, np.array(image.shape[1::-1]) - 1)
+        now = _Known(self._flow.picture, np.where(sure[:, None], positions, np.nan))
+        for marker in np.flatnonzero(sure):
+            self._known[marker][1:] = [now]
+        self._take(positions, confidence > DOUBT, sure, moves, carried | seated, np.array(image.shape[1::-1]) - 1)
         certain = np.flatnonzero(sure & (found.chosen >= 0))
         self._looks.learn(image, found.spots, certain, found.chosen[certain], np.zeros((len(certain), 2)))
         self.radii = self._looks.radii
+        for marker in np.flatnonzero(sure):
+            if found.chosen[marker] >= 0 or colored[marker]:
+                self._colors.learn(image, marker, positions[marker], self.radii[marker])
+            if colored[marker]:
+                self._looks.learn_picture(image, marker, positions[marker])
         return positions, np.where(sure, confidence, np.minimum(confidence, DOUBT))
 
     def _spots(self, image: Image, expected: Array, carried: Mask, moves: _Moves) -> _Found:
@@ -181,16 +190,17 @@ class FreeTracker:
         found = [self._looks.find(image, np.where(one[:, None], boxes, 0)) for one in touching]
         of = np.repeat(np.arange(len(boxes)), [len(spots) for spots in found])
         spots = Spots(*(np.concatenate([vars(one)[name] for one in found]) for name in vars(found[0])))
-        moved = ~self._stood(spots.centers, self.radii[of])
+        moved = ~self._stood(spots.centers, of)
         return Spots(*(values[moved] for values in vars(spots).values())), of[moved]
 
-    def _stood(self, places: Array, radii: Array) -> Mask:
-        """Whether what is at places (P, 2) was there when all markers were known to be elsewhere. Shape (P,)."""
+    def _stood(self, places: Array, of: NDArray[np.int64]) -> Mask:
+        """Whether what is at places (P, 2) was there when the markers they are for were known to be elsewhere (P,)."""
         out = np.zeros(len(places), dtype=bool)
-        for picture, markers in self._before:
-            away = np.linalg.norm(places[:, None] - markers, axis=2) > BESIDE * np.maximum(radii[:, None], self.radii)
-            for one in np.flatnonzero(away.all(axis=1) & ~out):
-                out[one] = _same(picture, self._flow.picture, places[one], radii[one])
+        for one, (place, marker) in enumerate(zip(places, of, strict=True)):
+            for picture, markers in self._known[marker]:
+                away = np.linalg.norm(markers - place, axis=1) > BESIDE * self.radii
+                if (away | np.isnan(markers[:, 0])).all() and not out[one]:
+                    out[one] = _same(picture, self._flow.picture, place, self.radii[marker])
         return out
 
     def _seen(self, image: Image, expected: Array, carried: Mask, found: _Found) -> tuple[Array, Array]:
@@ -210,7 +220,9 @@ class FreeTracker:
             nearby = min(found.reach[m], NEARBY * self.radii[m] + np.hypot(*self._steps[m]))
             reach = NEAR[0] * self.radii[m] + 1 if carried[m] else 1.5 if chosen[m] >= 0 else nearby
             peak, score, only = self._picture(image, m, place, reach)
-            if carried[m] and not self._lost[m] and score > SAME:
+            own = carried[m] and np.hypot(*(peak - place)) < max(MOST_ASIDE[0], MOST_ASIDE[1] * self.radii[m])
+            own = own and self._colors.alike(image, m, place, self.radii[m]) > EVEN
+            if own and not self._lost[m] and score > SAME:
                 positions[m], confidence[m] = peak if self.radii[m] < SMALL else place, RIGHT
                 if score < SURELY:
                     self._looks.learn_picture(image, m, place)
@@ -224,6 +236,26 @@ class FreeTracker:
             elif carried[m]:
                 positions[m], confidence[m] = place, DOUBT
         return positions, confidence
+
+    def _by_color(
+        self, image: Image, expected: Array, carried: Mask, positions: Array, confidence: Array, found: _Found
+    ) -> tuple[Mask, Mask]:
+        """Puts in markers that are found by their colors: certain where flow brought them there (M,), and others (M,)."""
+        colored, seated = np.zeros((2, len(positions)), dtype=bool)
+        for m in np.flatnonzero((confidence <= DOUBT) | self._jumped).tolist():
+            others = positions[(confidence > DOUBT) & (np.arange(len(positions)) != m)]
+            far = FAR * self.radii[m] + max(self._fastest[m], self.radii[m]) * (1 + self._doubtful[m])
+            place = self._colors.find(image, self._colors.shares(image, m), self._last[m], far, self.radii[m], others)
+            if place is None or self._stood(place[None], np.array([m]))[0]:
+                continue
+            near = np.hypot(*(place - expected[m])) < NEAR[0] * self.radii[m] + NEAR[1]
+            if carried[m] and near:
+                colored[m] = True
+                if confidence[m] <= DOUBT:
+                    positions[m], confidence[m], found.chosen[m] = place, LIKELY, -1
+            elif confidence[m] <= DOUBT:
+                positions[m], confidence[m], found.chosen[m], seated[m] = place, DOUBT, -1, True
+        return colored, seated
 
     def _only(self, image: Image, marker: int, positions: Array, sure: Mask) -> bool:
         """Whether nothing else is like a marker that was lost for long, nor another like what was found of it."""
@@ -277,6 +309,18 @@ class FreeTracker:
         self._last = np.where(known[:, None], positions, self._last)
         fastest = np.maximum(SLOWER[1] * self._fastest, np.hypot(*self._steps.T))
         self._fastest = np.where(known, fastest, self._fastest)
+
+
+class _Known(NamedTuple):
+    """A frame in which the place of a marker was known.
+
+    Attributes:
+        picture: Gray. Shape (H, W).
+        places: Of all markers, NaN where that isn't known [px]. Shape (M, 2).
+    """
+
+    picture: Picture
+    places: Array
 
 
 class _Found(NamedTuple):
