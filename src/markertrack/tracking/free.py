@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-from markertrack.tracking.colors import OwnColors
+from markertrack.tracking.colors import EVEN, OwnColors
 from markertrack.tracking.looks import LIKE, Looks, squares
 from markertrack.tracking.spots import Spots
 from markertrack.tracking.tracker import DOUBT, REASONS, Array, Image, Mask, check_order, inside
@@ -39,7 +39,6 @@ SAME, SURELY = 0.75, 0.85  # correlation with its picture where it was carried t
 BESIDE = 3.0  # radii from its place from which on a marker isn't in the picture of a spot
 UNLIKE = 0.5  # of a spot's contrast, by which one that stays may differ from what it was
 RATIO = 0.5  # of the distance to another marker or spot that may be meant as well
-EVEN = 0.5  # likelihood of colors to be the marker's, from which they are rather than not
 AHEAD = 0.5  # of its step by which a marker may be beside where it is expected
 SLOWER = 0.5, 0.9  # of the speed in each frame in which it isn't seen, and of the largest one
 APART = 0.5  # of the sum of two markers' radii
@@ -243,9 +242,9 @@ class FreeTracker:
         """Puts in markers that are found by their colors: certain where flow brought them there (M,), and others (M,)."""
         colored, seated = np.zeros((2, len(positions)), dtype=bool)
         for m in np.flatnonzero((confidence <= DOUBT) | self._jumped).tolist():
-            others = positions[(confidence > DOUBT) & (np.arange(len(positions)) != m)]
+            others = positions[(confidence > DOUBT) & (self._doubtful == 0) & (np.arange(len(positions)) != m)]
             far = FAR * self.radii[m] + max(self._fastest[m], self.radii[m]) * (1 + self._doubtful[m])
-            place = self._colors.find(image, self._colors.shares(image, m), self._last[m], far, self.radii[m], others)
+            place = self._colors.find(image, m, self._last[m], far, self.radii[m], others)
             if place is None or self._stood(place[None], np.array([m]))[0]:
                 continue
             near = np.hypot(*(place - expected[m])) < NEAR[0] * self.radii[m] + NEAR[1]
