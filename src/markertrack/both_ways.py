@@ -1,8 +1,8 @@
 """A film both ways: forth from the points that were clicked and, over each break, back from where all is certain again.
 
-A break is a time in which markers are lost or doubtful. A marker is where one of the ways is certain of it. What a way is
-certain of after a break may be another marker: it is believed unless the other way, followed from there without a break,
-arrives at another place than where the marker was last certain.
+A break is a time in which markers are lost or doubtful. A marker is where one of the ways is certain of it. What a way
+is certain of after a break may be another marker: it is believed unless the other way, followed from there without a
+break, arrives at another place than where the marker was last certain.
 """
 
 from __future__ import annotations

@@ -124,8 +124,9 @@ def test_a_repeated_picture_and_the_doubled_step_after_it_are_followed(speed):
 
 
 def test_one_is_found_by_its_colors_in_front_of_another_ground():
-    """A lamp that was hidden comes back where it is dark behind it, so that it differs otherwise from what is around."""
+    """A lamp that was hidden comes back where it is dark behind it."""
     ground = np.where(np.arange(WIDTH) < WIDTH // 2, 200.0, 20.0) + np.zeros((HEIGHT, 1))
+
     def truth(frame):
         way = 3 * frame - 50 if frame < 15 else frame + 5
         return np.array([[WIDTH / 2 + way, HEIGHT / 2]])

@@ -49,9 +49,7 @@ class OwnColors:
         likely = own / np.maximum(own + everywhere, 1e-12)
         return float(likely[levels[:, 0], levels[:, 1], levels[:, 2]].mean())
 
-    def find(
-        self, image: Image, marker: int, place: Array, reach: float, radius: float, others: Array
-    ) -> Array | None:
+    def find(self, image: Image, marker: int, place: Array, reach: float, radius: float, others: Array) -> Array | None:
         """The center (2,) of what alone has a marker's colors within reach of a place (2,); None if nothing has.
 
         Args:

@@ -1,24 +1,21 @@
 """Tracks markers that nothing connects: dots on a person or a balloon, balls, pucks, lamps, one on a pendulum.
 
-Each is carried on by the flow of its points, and put right by a second opinion: a spot that looks like it
-(`looks`), a spot of whatever color it has now, or its picture. Flow alone is doubtful, so is one that was
-lost and found again, until it was seen where it was expected from one frame to the next.
-
-Flow is OpenCV's, by Lucas and Kanade: every point is followed there and back. The half of them that comes back closest
-to where it began tells the marker's step and by how much it grew (Kalal, Mikolajczyk, Matas: Forward-backward error,
-ICPR 2010).
+Each is carried on by the flow of its points (`flow`), and put right by a second opinion: a spot that looks like it
+(`looks`), a spot of whatever color it has now, its picture, or colors that nothing else has (`colors`). Flow alone is
+doubtful, so are opinions that contradict each other, and one that was lost and found again, until it was seen where it
+was expected from one frame to the next.
 """
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from markertrack.tracking.colors import EVEN, OwnColors
+from markertrack.tracking.flow import RIM, Flow, Moves, Picture
 from markertrack.tracking.looks import LIKE, Looks, squares
 from markertrack.tracking.spots import Spots
 from markertrack.tracking.tracker import DOUBT, REASONS, Array, Image, Mask, check_order, inside
@@ -43,17 +40,6 @@ AHEAD = 0.5  # of its step by which a marker may be beside where it is expected
 SLOWER = 0.5, 0.9  # of the speed in each frame in which it isn't seen, and of the largest one
 APART = 0.5  # of the sum of two markers' radii
 BLURRED = 0.7  # radii by which a spot may be longer than its motion tells
-
-ACROSS = 7  # points on a marker's diameter
-RIM = 1.1  # radii around its center in which its points lie
-DETAIL = 10.0  # px radius up to which markers are looked at in full detail; larger ones in pictures of half the size
-WINDOWS = 9, 13, 21  # px sides of the windows that are compared, for radii of up to half as much and above
-LEVELS, ROUNDS, CLOSE = 3, 20, 0.03  # of the pyramid, and when an estimate is done
-MOST_GROWTH = 1.1  # by which a marker may grow or shrink in a frame
-NOWHERE = 1e3  # px: of a point that can't be followed
-STILL = 1.0  # px/frame, below which its last step tells nothing about the next one
-
-Picture = NDArray[np.uint8]
 
 
 class FreeTracker:
@@ -85,7 +71,7 @@ class FreeTracker:
             time: Time stamp [s].
         """
         count = len(places)
-        self._looks, self._flow, self._colors = looks, _Flow(image), OwnColors(image, places, looks.radii)
+        self._looks, self._flow, self._colors = looks, Flow(image), OwnColors(image, places, looks.radii)
         self._places, self._last, self.radii = places.copy(), places.copy(), looks.radii
         self._steps, self._fastest = np.zeros((count, 2)), np.zeros(count)
         self._doubtful = np.where(certain, 0, 1)  # frames since it was certain
@@ -114,7 +100,9 @@ class FreeTracker:
         carried = moves.errors < np.maximum(MOST_OFF[0], MOST_OFF[1] * self.radii)
         carried &= (self._agreed > 0) | (self._doubtful <= CARRIED)
         carried &= inside(self._places + moves.steps, image)
-        carried &= ~self._stood(self._places + moves.steps, np.arange(len(carried)))  # else flow follows what is behind it
+        carried &= ~self._stood(
+            self._places + moves.steps, np.arange(len(carried))
+        )  # else flow follows what is behind it
         expected = self._places + np.where(carried[:, None], moves.steps, self._steps)
         self._looks.grow(np.where(carried, moves.growths, 1.0))
         found = self._spots(image, expected, carried, moves)
@@ -138,19 +126,15 @@ class FreeTracker:
         certain = np.flatnonzero(sure & (found.chosen >= 0))
         self._looks.learn(image, found.spots, certain, found.chosen[certain], np.zeros((len(certain), 2)))
         self.radii = self._looks.radii
-        for marker in np.flatnonzero(sure):
-            if found.chosen[marker] >= 0 or colored[marker]:
-                self._colors.learn(image, marker, positions[marker], self.radii[marker])
+        for marker in np.flatnonzero(sure & (colored | (found.chosen >= 0))).tolist():
+            self._colors.learn(image, marker, positions[marker], self.radii[marker])
             if colored[marker]:
                 self._looks.learn_picture(image, marker, positions[marker])
         return positions, np.where(sure, confidence, np.minimum(confidence, DOUBT))
 
-    def _spots(self, image: Image, expected: Array, carried: Mask, moves: _Moves) -> _Found:
+    def _spots(self, image: Image, expected: Array, carried: Mask, moves: Moves) -> _Found:
         """The spots that look like the markers where they are looked for."""
-        speed = np.maximum(self._fastest, np.hypot(*self._steps.T))
-        far = FAR * self.radii + np.maximum(speed, self.radii) * (1 + self._doubtful)
-        far = np.minimum(far, self._most_far * self.radii + speed)
-        reach = np.where(carried, NEAR[0] * self.radii + NEAR[1], far)
+        reach = np.where(carried, NEAR[0] * self.radii + NEAR[1], self._far())
         spots, of = self._measured(image, squares(expected, reach + 0.5 * self.radii), carried)
         chosen, alone = np.full(len(expected), -1), np.ones(len(expected), dtype=bool)
         if not len(spots):
@@ -178,6 +162,12 @@ class FreeTracker:
         like = np.where(chosen >= 0, like[np.arange(len(like)), chosen], 0.0)
         return _Found(spots, chosen, like, alone, reach)
 
+    def _far(self) -> Array:
+        """How far from where they were certain markers may be that weren't carried [px]. Shape (M,)."""
+        speed = np.maximum(self._fastest, np.hypot(*self._steps.T))
+        far = FAR * self.radii + np.maximum(speed, self.radii) * (1 + self._doubtful)
+        return np.minimum(far, self._most_far * self.radii + speed)
+
     def _measured(self, image: Image, boxes: NDArray[np.int64], joint: Mask) -> tuple[Spots, NDArray[np.int64]]:
         """The spots in each marker's box, and the marker that each was found for.
 
@@ -193,13 +183,13 @@ class FreeTracker:
         return Spots(*(values[moved] for values in vars(spots).values())), of[moved]
 
     def _stood(self, places: Array, of: NDArray[np.int64]) -> Mask:
-        """Whether what is at places (P, 2) was there when the markers they are for were known to be elsewhere (P,)."""
+        """Whether what is at places (P, 2) was there when their markers (P,) were known to be elsewhere. Shape (P,)."""
         out = np.zeros(len(places), dtype=bool)
         for one, (place, marker) in enumerate(zip(places, of, strict=True)):
             for picture, markers in self._known[marker]:
-                away = np.linalg.norm(markers - place, axis=1) > BESIDE * self.radii
-                if (away | np.isnan(markers[:, 0])).all() and not out[one]:
-                    out[one] = _same(picture, self._flow.picture, place, self.radii[marker])
+                near = np.linalg.norm(markers - place, axis=1) <= BESIDE * self.radii
+                if not (out[one] or near.any()):
+                    out[one] = _same(picture, self._flow.picture, place, float(self.radii[marker]))
         return out
 
     def _seen(self, image: Image, expected: Array, carried: Mask, found: _Found) -> tuple[Array, Array]:
@@ -239,21 +229,17 @@ class FreeTracker:
     def _by_color(
         self, image: Image, expected: Array, carried: Mask, positions: Array, confidence: Array, found: _Found
     ) -> tuple[Mask, Mask]:
-        """Puts in markers that are found by their colors: certain where flow brought them there (M,), and others (M,)."""
+        """Puts in doubtful markers that are found by their colors: where flow leads, too (M,), and elsewhere (M,)."""
         colored, seated = np.zeros((2, len(positions)), dtype=bool)
+        known, far = (confidence > DOUBT) & (self._doubtful == 0), self._far()
         for m in np.flatnonzero((confidence <= DOUBT) | self._jumped).tolist():
-            others = positions[(confidence > DOUBT) & (self._doubtful == 0) & (np.arange(len(positions)) != m)]
-            far = FAR * self.radii[m] + max(self._fastest[m], self.radii[m]) * (1 + self._doubtful[m])
-            place = self._colors.find(image, m, self._last[m], far, self.radii[m], others)
+            place = self._colors.find(image, m, self._last[m], far[m], self.radii[m], positions[known])
             if place is None or self._stood(place[None], np.array([m]))[0]:
                 continue
             near = np.hypot(*(place - expected[m])) < NEAR[0] * self.radii[m] + NEAR[1]
-            if carried[m] and near:
-                colored[m] = True
-                if confidence[m] <= DOUBT:
-                    positions[m], confidence[m], found.chosen[m] = place, LIKELY, -1
-            elif confidence[m] <= DOUBT:
-                positions[m], confidence[m], found.chosen[m], seated[m] = place, DOUBT, -1, True
+            colored[m], seated[m] = carried[m] and near, confidence[m] <= DOUBT
+            if seated[m]:
+                positions[m], confidence[m], found.chosen[m] = place, LIKELY if colored[m] else DOUBT, -1
         return colored, seated
 
     def _only(self, image: Image, marker: int, positions: Array, sure: Mask) -> bool:
@@ -294,7 +280,7 @@ class FreeTracker:
         for reason, why in zip(REASONS, (~seen, seen & ~alone, seen & alone), strict=True):
             self.reasons[reason] += ~sure & why
 
-    def _take(self, positions: Array, good: Mask, known: Mask, moves: _Moves, carried: Mask, size: Array) -> None:
+    def _take(self, positions: Array, good: Mask, known: Mask, moves: Moves, carried: Mask, size: Array) -> None:
         """Takes in where the markers were seen, and how they moved."""
         seen = np.isfinite(positions[:, 0]) & (good | carried)
         slower = SLOWER[0] * self._steps
@@ -340,87 +326,6 @@ class _Found(NamedTuple):
     reach: Array
 
 
-class _Moves(NamedTuple):
-    """How markers moved.
-
-    Attributes:
-        steps: Way of each [px]. Shape (M, 2).
-        growths: By how much each has grown. Shape (M,).
-        errors: By how much its points disagree, there and back and with one another; inf if none was followed [px].
-            Shape (M,).
-    """
-
-    steps: Array
-    growths: Array
-    errors: Array
-
-
-class _Flow:
-    """Follows the markers from the last picture to the next."""
-
-    def __init__(self, image: Image) -> None:
-        self._last = {1: _gray(image)}
-        across = np.linspace(-RIM, RIM, ACROSS)
-        grid = np.stack(np.meshgrid(across, across), axis=-1).reshape(-1, 2)
-        self._disc = grid[np.hypot(*grid.T) <= RIM]
-
-    @property
-    def picture(self) -> Picture:
-        """The newest one, gray."""
-        return self._last[1]
-
-    def follow(self, image: Image, places: Array, radii: Array, steps: Array) -> _Moves:
-        """Takes the next picture.
-
-        Args:
-            image: RGB. Shape (H, W, 3).
-            places: Where the markers were in the last one [px]. Shape (M, 2).
-            radii: Their radii [px]. Shape (M,).
-            steps: How they may have moved; standing still is tried as well [px]. Shape (M, 2).
-        """
-        now = {1: _gray(image)}
-        best = _Moves(np.zeros_like(places), np.ones(len(places)), np.full(len(places), np.inf))
-        shares = 2 ** np.maximum(np.ceil(np.log2(radii / DETAIL)), 0).astype(np.int64)
-        for share in np.unique(shares).tolist():
-            for pictures in (self._last, now):
-                if share not in pictures:
-                    pictures[share] = _smaller(pictures[1], share)
-            of = np.flatnonzero(shares == share)
-            self._improve(best, now, share, of, places, radii, np.zeros_like(places))
-            moving = of[np.hypot(*steps[of].T) > STILL]
-            if len(moving):
-                self._improve(best, now, share, moving, places, radii, steps)
-        self._last = now
-        return best
-
-    def _improve(
-        self, best: _Moves, now: dict[int, Picture], share: int, of: NDArray[np.int64], places: Array, radii: Array,
-        guesses: Array,
-    ) -> None:  # fmt: skip
-        """Puts in what is better than the moves that are known, by pictures of a share of the size."""
-        shift = (share - 1) / 2  # between the centers of the pixels
-        window = WINDOWS[int(np.searchsorted(WINDOWS[:-1], 2 * radii[of].max() / share))]
-        points = ((places[of, None] + radii[of, None, None] * self._disc - shift) / share).astype(np.float32)
-        guess = (guesses[of, None] / share).astype(np.float32)
-        first, second = self._last[share], now[share]
-        there, seen = _flow(first, second, points, points + guess, window)
-        back, again = _flow(second, first, there, there - guess, window)
-        off = np.where(seen & again, share * np.linalg.norm(back - points, axis=2), NOWHERE)
-        points, there = share * points + shift, share * there + shift
-        for marker, before, after, errors in zip(of.tolist(), points, there, off, strict=True):
-            middle = float(np.median(errors))
-            if middle >= NOWHERE:
-                continue
-            good = errors <= middle
-            step, growth, spread = _median_move(before[good], after[good], places[marker])
-            if middle + spread < best.errors[marker]:
-                best.steps[marker], best.growths[marker], best.errors[marker] = step, growth, middle + spread
-
-
-def _gray(image: Image) -> Picture:
-    return np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), dtype=np.uint8)
-
-
 def _same(first: Picture, second: Picture, place: Array, radius: float) -> bool:
     """Whether two pictures show the same around a place (2,)."""
     left, top = np.maximum(np.round(place - RIM * radius).astype(int), 0).tolist()
@@ -428,31 +333,3 @@ def _same(first: Picture, second: Picture, place: Array, radius: float) -> bool:
     one, other = (picture[top:bottom, left:right].astype(float) for picture in (first, second))
     contrast = max(float(one.std()), float(other.std()))
     return bool(one.size) and float((one - other).std()) < UNLIKE * contrast
-
-
-def _smaller(picture: Picture, share: int) -> Picture:
-    smaller = cv2.resize(picture, None, fx=1 / share, fy=1 / share, interpolation=cv2.INTER_AREA)
-    return np.asarray(smaller, dtype=np.uint8)
-
-
-def _flow(
-    first: Picture, second: Picture, points: NDArray[np.float32], guesses: NDArray[np.float32], window: int
-) -> tuple[NDArray[np.float32], Mask]:
-    """Where points (K, N, 2) of the first picture are in the second, and which of them were found (K, N)."""
-    found, status, _ = cv2.calcOpticalFlowPyrLK(
-        first, second, points.reshape(-1, 1, 2), guesses.reshape(-1, 1, 2), winSize=(window, window), maxLevel=LEVELS,
-        criteria=(cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, ROUNDS, CLOSE), flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
-    )  # fmt: skip
-    return np.asarray(found, dtype=np.float32).reshape(points.shape), status.reshape(points.shape[:2]) > 0
-
-
-def _median_move(before: Array, after: Array, place: Array) -> tuple[Array, float, float]:
-    """Median step (2,) and growth of points (N, 2), and how far their median one is off it [px]."""
-    steps = after - before
-    step = np.median(steps, axis=0)
-    first, second = np.triu_indices(len(before), 1)
-    lengths = np.linalg.norm(before[first] - before[second], axis=1)
-    growth = np.median(np.linalg.norm(after[first] - after[second], axis=1) / np.maximum(lengths, 1e-6))
-    growth = float(np.clip(growth, 1 / MOST_GROWTH, MOST_GROWTH))
-    off = np.linalg.norm(steps - step - (growth - 1) * (before - place), axis=1)
-    return step, growth, float(np.median(off))
