@@ -121,18 +121,3 @@ def test_a_repeated_picture_and_the_doubled_step_after_it_are_followed(speed):
         return MIDDLE + np.array([[moved - 190, 10.0], [moved - 190, -60.0]])
 
     assert tracked(truth, truth, int(370 / speed), radius=4, texture=12.0).all()
-
-
-def test_one_is_found_by_its_colors_in_front_of_another_ground():
-    """A lamp that was hidden comes back where it is dark behind it."""
-    ground = np.where(np.arange(WIDTH) < WIDTH // 2, 200.0, 20.0) + np.zeros((HEIGHT, 1))
-
-    def truth(frame):
-        way = 3 * frame - 50 if frame < 15 else frame + 5
-        return np.array([[WIDTH / 2 + way, HEIGHT / 2]])
-
-    picture = painted(hidden(truth, range(8, 15), [0]), lambda k: 7, lambda k: (40, 200, 250), ground)
-    positions, confidence = followed(MarkerTracker([0]), picture, truth(0), 40)
-    assert (confidence[8:15] < 0.5).all()
-    assert (confidence[30:] >= 0.5).all()
-    assert np.hypot(*(positions[-1] - truth(39))[0]) < 1

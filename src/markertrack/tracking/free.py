@@ -1,9 +1,9 @@
 """Tracks markers that nothing connects: dots on a person or a balloon, balls, pucks, lamps, one on a pendulum.
 
 Each is carried on by the flow of its points (`flow`), and put right by a second opinion: a spot that looks like it
-(`looks`), a spot of whatever color it has now, its picture, or colors that nothing else has (`colors`). Flow alone is
-doubtful, so are opinions that contradict each other, and one that was lost and found again, until it was seen where it
-was expected from one frame to the next.
+(`looks`), a spot of whatever color it has now, or its picture, where its colors are (`colors`) and nowhere else near.
+Flow alone is doubtful, so is one that was lost and found again, until it was seen where it was expected from one frame
+to the next.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-from markertrack.tracking.colors import EVEN, OwnColors
+from markertrack.tracking.colors import OwnColors
 from markertrack.tracking.flow import RIM, Flow, Moves, Picture
 from markertrack.tracking.looks import LIKE, Looks, squares
 from markertrack.tracking.spots import Spots
@@ -107,7 +107,6 @@ class FreeTracker:
         self._looks.grow(np.where(carried, moves.growths, 1.0))
         found = self._spots(image, expected, carried, moves)
         positions, confidence = self._seen(image, expected, carried, found)
-        colored, seated = self._by_color(image, expected, carried, positions, confidence, found)
         lost = self._doubles(positions, confidence)
         positions[lost], confidence[lost], found.chosen[lost] = np.nan, 0.0, -1
         self._agreed = np.where(confidence > DOUBT, self._agreed + 1, 0)
@@ -117,24 +116,25 @@ class FreeTracker:
         self._jumped |= self._lost & ((self._doubtful > SOON) | ((confidence > DOUBT) & ~(off < near)))
         settled = sure & ~self._jumped
         for marker in np.flatnonzero(sure & self._jumped).tolist():
-            sure[marker] = colored[marker] or self._only(image, marker, positions, settled)
+            sure[marker] = self._only(image, marker, positions, settled)
         self._count(positions, sure, found.alone)
         now = _Known(self._flow.picture, np.where(sure[:, None], positions, np.nan))
         for marker in np.flatnonzero(sure):
             self._known[marker][1:] = [now]
-        self._take(positions, confidence > DOUBT, sure, moves, carried | seated, np.array(image.shape[1::-1]) - 1)
+        self._take(positions, confidence > DOUBT, sure, moves, carried, np.array(image.shape[1::-1]) - 1)
         certain = np.flatnonzero(sure & (found.chosen >= 0))
         self._looks.learn(image, found.spots, certain, found.chosen[certain], np.zeros((len(certain), 2)))
         self.radii = self._looks.radii
-        for marker in np.flatnonzero(sure & (colored | (found.chosen >= 0))).tolist():
+        for marker in certain.tolist():
             self._colors.learn(image, marker, positions[marker], self.radii[marker])
-            if colored[marker]:
-                self._looks.learn_picture(image, marker, positions[marker])
         return positions, np.where(sure, confidence, np.minimum(confidence, DOUBT))
 
     def _spots(self, image: Image, expected: Array, carried: Mask, moves: Moves) -> _Found:
         """The spots that look like the markers where they are looked for."""
-        reach = np.where(carried, NEAR[0] * self.radii + NEAR[1], self._far())
+        speed = np.maximum(self._fastest, np.hypot(*self._steps.T))
+        far = FAR * self.radii + np.maximum(speed, self.radii) * (1 + self._doubtful)
+        far = np.minimum(far, self._most_far * self.radii + speed)
+        reach = np.where(carried, NEAR[0] * self.radii + NEAR[1], far)
         spots, of = self._measured(image, squares(expected, reach + 0.5 * self.radii), carried)
         chosen, alone = np.full(len(expected), -1), np.ones(len(expected), dtype=bool)
         if not len(spots):
@@ -161,12 +161,6 @@ class FreeTracker:
         chosen[carried & ~alone] = -1
         like = np.where(chosen >= 0, like[np.arange(len(like)), chosen], 0.0)
         return _Found(spots, chosen, like, alone, reach)
-
-    def _far(self) -> Array:
-        """How far from where they were certain markers may be that weren't carried [px]. Shape (M,)."""
-        speed = np.maximum(self._fastest, np.hypot(*self._steps.T))
-        far = FAR * self.radii + np.maximum(speed, self.radii) * (1 + self._doubtful)
-        return np.minimum(far, self._most_far * self.radii + speed)
 
     def _measured(self, image: Image, boxes: NDArray[np.int64], joint: Mask) -> tuple[Spots, NDArray[np.int64]]:
         """The spots in each marker's box, and the marker that each was found for.
@@ -210,7 +204,7 @@ class FreeTracker:
             reach = NEAR[0] * self.radii[m] + 1 if carried[m] else 1.5 if chosen[m] >= 0 else nearby
             peak, score, only = self._picture(image, m, place, reach)
             own = carried[m] and np.hypot(*(peak - place)) < max(MOST_ASIDE[0], MOST_ASIDE[1] * self.radii[m])
-            own = own and self._colors.alike(image, m, place, self.radii[m]) > EVEN
+            own = own and self._colors.are_at(image, m, place, self.radii[m])
             if own and not self._lost[m] and score > SAME:
                 positions[m], confidence[m] = peak if self.radii[m] < SMALL else place, RIGHT
                 if score < SURELY:
@@ -225,22 +219,6 @@ class FreeTracker:
             elif carried[m]:
                 positions[m], confidence[m] = place, DOUBT
         return positions, confidence
-
-    def _by_color(
-        self, image: Image, expected: Array, carried: Mask, positions: Array, confidence: Array, found: _Found
-    ) -> tuple[Mask, Mask]:
-        """Puts in doubtful markers that are found by their colors: where flow leads, too (M,), and elsewhere (M,)."""
-        colored, seated = np.zeros((2, len(positions)), dtype=bool)
-        known, far = (confidence > DOUBT) & (self._doubtful == 0), self._far()
-        for m in np.flatnonzero((confidence <= DOUBT) | self._jumped).tolist():
-            place = self._colors.find(image, m, self._last[m], far[m], self.radii[m], positions[known])
-            if place is None or self._stood(place[None], np.array([m]))[0]:
-                continue
-            near = np.hypot(*(place - expected[m])) < NEAR[0] * self.radii[m] + NEAR[1]
-            colored[m], seated[m] = carried[m] and near, confidence[m] <= DOUBT
-            if seated[m]:
-                positions[m], confidence[m], found.chosen[m] = place, LIKELY if colored[m] else DOUBT, -1
-        return colored, seated
 
     def _only(self, image: Image, marker: int, positions: Array, sure: Mask) -> bool:
         """Whether nothing else is like a marker that was lost for long, nor another like what was found of it."""
