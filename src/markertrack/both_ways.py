@@ -1,9 +1,8 @@
 """A film both ways: forth from the points that were clicked and, over each break, back from where all is certain again.
 
-A break is a time in which markers are lost or doubtful. What is certain after it may be another marker: it is believed
-unless the way back, followed without a break, arrives at another place than where the marker was last certain. What the
-way back is certain of in a break is taken where it is the same marker: it agrees with what is believed on one side and
-contradicts it nowhere, nor what the way there saw.
+A break is a time in which markers are lost or doubtful. A marker is where one of the ways is certain of it. What a way
+is certain of after a break may be another marker: it is believed unless the other way, followed from there without a
+break, arrives at another place than where the marker was last certain.
 """
 
 from __future__ import annotations
@@ -84,19 +83,20 @@ def joined(forth: tuple[Array, Array], back: tuple[Array, Array], radii: Array) 
         radii: Radii of the markers [px]. Shape (M,).
     """
     positions, confidence = forth[0].copy(), forth[1].copy()
-    apart = np.linalg.norm(forth[0] - back[0], axis=2) > np.maximum(AGREE * radii, AGREE_PX)
+    between = np.linalg.norm(forth[0] - back[0], axis=2)
+    apart = between > np.maximum(AGREE * radii, AGREE_PX)
     for m in range(positions.shape[1]):
-        certain, again = forth[1][:, m] >= DOUBTFUL, back[1][:, m] >= DOUBTFUL
-        believed = certain & ~_refuted(certain, again, apart[:, m])
-        confidence[~believed, m] = np.minimum(confidence[~believed, m], DOUBT)
-        for first, end in runs(again):
-            part = slice(first, end)
-            known, other = believed[part], apart[part, m]
-            if (known & ~other).any() and not (known & other).any():
-                fill = ~known & ~other
-                fill[[0, -1]] = False  # where it is lost next, the last place isn't confirmed by another
-                positions[part, m][fill] = back[0][part, m][fill]
-                confidence[part, m][fill] = back[1][part, m][fill]
+        certain, again, other = forth[1][:, m] >= DOUBTFUL, back[1][:, m] >= DOUBTFUL, apart[:, m]
+        known = certain & ~_refuted(certain, again, other)
+        kept = again & ~_refuted(again[::-1], certain[::-1], other[::-1])[::-1]
+        near = np.isfinite(between[:, m]) & ~other
+        confirmed = near.copy()
+        for first, end in runs(kept):  # where it is lost next, the last place isn't confirmed by another
+            if certain[-1] or (near & known)[first:end].any():  # else the way back itself began in doubt
+                confirmed[first + 1 : end - 1] = True
+        fill = kept & ~known & confirmed
+        positions[fill, m], confidence[fill, m] = back[0][fill, m], back[1][fill, m]
+        confidence[~known & ~fill, m] = np.minimum(confidence[~known & ~fill, m], DOUBT)
     return positions, confidence
 
 

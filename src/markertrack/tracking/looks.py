@@ -320,16 +320,17 @@ def _check_the_rest(image: Image, points: Array, odd: Mask) -> None:
     if odd.sum() <= len(points) // 3:
         return
     blobs = find_blobs(image)
-    x, y = points[odd][0]
     listed = ", ".join(f"({x:.0f}, {y:.0f})" for x, y in points[odd][:3])
     start = f"no marker stands out at {odd.sum()} of {len(points)} points, such as {listed}"
     advice = "pick the points on the markers' centers in the first frame (`swim2real pick`)"
     if len(blobs):
         away = np.linalg.norm(points[odd][:, None] - blobs.points, axis=2)
         nearest = away.argmin(axis=1)
-        beside = away.min(axis=1) < BESIDE * blobs.radii[nearest] + 3
+        near = away.min(axis=1)
+        beside = (near > CLICK_SHARE * blobs.radii[nearest]) & (near < BESIDE * blobs.radii[nearest] + 3)
         if beside.sum() > len(beside) // 2:
-            far, blob = away[0, nearest[0]], nearest[0]
+            first = int(beside.argmax())
+            (x, y), far, blob = points[odd][first], near[first], nearest[first]
             raise TrackingError(
                 f"{start}; the nearest round spot to ({x:.0f}, {y:.0f}) has a radius of {blobs.radii[blob]:.0f} px and "
                 f"is {far:.0f} px away, at ({blobs.points[blob, 0]:.0f}, {blobs.points[blob, 1]:.0f}); {advice}"

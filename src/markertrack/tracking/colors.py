@@ -1,0 +1,57 @@
+"""The colors that a marker has, whatever is behind it: whether what is at a place may be the marker at all."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter
+
+from markertrack.tracking.tracker import Array, Image
+
+LEVELS = 16  # of red, green and blue each, that are told apart
+NOISE = 1.0  # of these, of a camera
+RATE = 0.1  # of the colors of a marker that is seen without a doubt, in each frame
+EVEN = 0.5  # likelihood of colors to be the marker's, from which they are rather than not
+
+Colors = NDArray[np.float32]
+
+
+class OwnColors:
+    """How often each color is on each marker."""
+
+    def __init__(self, image: Image, points: Array, radii: Array) -> None:
+        """Takes the markers' pixels in a picture, whose centers are points (M, 2) and radii (M,) [px]."""
+        discs = zip(points, radii.tolist(), strict=True)
+        self._own = [_shares(_disc(image, point, radius)) for point, radius in discs]
+        self._last = image, _shares(image)  # of all of the newest picture
+
+    def learn(self, image: Image, marker: int, place: Array, radius: float) -> None:
+        """Takes in the colors that a marker has now, at its place (2,)."""
+        self._own[marker] += np.float32(RATE) * (_shares(_disc(image, place, radius)) - self._own[marker])
+
+    def are_at(self, image: Image, marker: int, place: Array, radius: float) -> bool:
+        """Whether the pixels at a place (2,) are a marker's rather than any of the picture's, on average."""
+        levels = _disc(image, place, radius) // (256 // LEVELS)
+        if self._last[0] is not image:
+            self._last = image, _shares(image)
+        own = self._own[marker]
+        likely = own / np.maximum(own + self._last[1], 1e-12)
+        return bool(len(levels)) and float(likely[levels[:, 0], levels[:, 1], levels[:, 2]].mean()) > EVEN
+
+
+def _disc(image: Image, point: Array, radius: float) -> Image:
+    """Pixels of a disc. Shape (N, 3)."""
+    left, top = np.maximum(np.floor(point - radius), 0).astype(int).tolist()
+    right, bottom = np.maximum(np.ceil(point + radius) + 1, 0).astype(int).tolist()
+    part = image[top:bottom, left:right]
+    rows, columns = np.mgrid[top : top + part.shape[0], left : left + part.shape[1]]
+    return part[np.hypot(columns - point[0], rows - point[1]) <= radius]
+
+
+def _shares(pixels: Image) -> Colors:
+    """Share of pixels (..., 3) of each color, spread as noise does. Shape (L, L, L)."""
+    if not pixels.size:
+        return np.zeros((LEVELS,) * 3, np.float32)
+    counts = cv2.calcHist([pixels.reshape(-1, 1, 3)], [0, 1, 2], None, [LEVELS] * 3, [0, 256] * 3)
+    return np.asarray(gaussian_filter(counts / counts.sum(), NOISE, mode="nearest"), dtype=np.float32)
