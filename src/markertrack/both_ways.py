@@ -91,9 +91,12 @@ def joined(forth: tuple[Array, Array], back: tuple[Array, Array], radii: Array) 
         kept = again & ~_refuted(again[::-1], certain[::-1], other[::-1])[::-1]
         near = np.isfinite(between[:, m]) & ~other
         confirmed = near.copy()
-        for first, end in runs(kept):  # where it is lost next, the last place isn't confirmed by another
-            if certain[-1] or (near & known)[first:end].any():  # else the way back itself began in doubt
-                confirmed[first + 1 : end - 1] = True
+        for first, end in runs(kept):
+            begun = end == len(certain) - 1 and certain[-1]
+            if begun or (near & known)[first:end].any():  # else nothing says that it is this marker
+                confirmed[first + 1 : end - 1] = (
+                    True  # where it is lost next, the last place isn't confirmed by another
+                )
         fill = kept & ~known & confirmed
         positions[fill, m], confidence[fill, m] = back[0][fill, m], back[1][fill, m]
         confidence[~known & ~fill, m] = np.minimum(confidence[~known & ~fill, m], DOUBT)
