@@ -174,7 +174,8 @@ def minimize(
         margins = np.zeros(0) if comparison is None or not stages else comparison.first_beats
         optimizer.tell(Evaluation(candidate, entry.loss, entry.failed, figures, residual, stages, margins))
         pace = (time.monotonic() - started) / (fresh or index + 1)
-        left = [one for one in (optimizer.left, None if budget is None else budget - index - 1) if one]
+        left = [one for one in (optimizer.left or None, None if budget is None else budget - index - 1)
+                if one is not None]  # fmt: skip
         lowest.append(best.loss)
         quarter = lowest[3 * len(lowest) // 4 - 1]
         gained = (quarter - best.loss) / max(quarter, 1e-300) if index else 1.0

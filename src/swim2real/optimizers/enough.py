@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from math import comb, inf
 
 _GAIN, _GAIN_NOISE = 0.02, 0.25  # of the lowest loss and of the noise: a gain by ends that isn't worth a start
-_GAIN_MOTION = 0.004  # of the motion: one by the trials
+_GAIN_MOTION = 0.005  # of the motion: one by the trials
 _EXPLAINED, _NEAR = 0.02, 4.0  # of the motion and of the noise, up to which a loss explains the trials
 _ENDS_EXPLAINED, _ENDS = 2, 3  # without which ends decide nothing
 AGREEMENT = 0.1  # of the lowest loss, within which ends agree

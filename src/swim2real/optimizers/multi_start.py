@@ -89,12 +89,16 @@ class MultiStart(Optimizer):
 
     @property
     def left(self) -> int:
-        """Evaluations that it probably needs until it is done, by those until the ends so far."""
+        """Evaluations that it probably needs until it is done, by those until the ends so far.
+
+        A descent that has taken longer than those before takes as long again, as far as anybody knows.
+        """
         count, begun = len(self.ends), 1 if self._led else len(self._starts)
         each = (self._ended - begun) / count if count else _TYPICAL * self.dimension
         wanted = max(needed(self.ends, self._sizes) - count, 1)
         ended = self._ended if count else begun
-        return max(min(round(ended + wanted * each), self._most) - self._made, 1)
+        expected = round(ended + wanted * each)
+        return max(min(expected if expected > self._made else 2 * self._made - ended, self._most) - self._made, 1)
 
     def upcoming(self) -> Sequence[Candidate]:
         return tuple(self._batch)
