@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from test_bodies import HEIGHT, MIDDLE, RADIUS, SHEET, WIDTH, errors, followed, silent
 
+from markertrack.tracking.colors import OwnColors
 from markertrack.tracking.markers import MarkerTracker
 
 GROUND = np.random.default_rng(3).normal(0, 1, (HEIGHT // 6, WIDTH // 6)).repeat(6, 0).repeat(6, 1)
@@ -121,3 +122,19 @@ def test_a_repeated_picture_and_the_doubled_step_after_it_are_followed(speed):
         return MIDDLE + np.array([[moved - 190, 10.0], [moved - 190, -60.0]])
 
     assert tracked(truth, truth, int(370 / speed), radius=4, texture=12.0).all()
+
+
+@pytest.mark.parametrize("color", [(40, 150, 60), (30, 30, 30), (250, 250, 250)])
+def test_a_place_without_the_colors_of_a_marker_isnt_its(color):
+    """Neither the ground beside it, nor a marker of another color; in other light it still is, once that is learned."""
+    image = painted(wandering, lambda k: 7, lambda k: color, texture=12.0)(0)
+    here, radii = wandering(0), np.full(2, 7.0)
+    image[int(here[1, 1]) - 9 : int(here[1, 1]) + 10, int(here[1, 0]) - 9 : int(here[1, 0]) + 10] = (200, 60, 90)
+    colors = OwnColors(image, here, radii)
+    assert colors.are_at(image, 0, here[0], 7.0)
+    assert not colors.are_at(image, 0, here[0] + [0, 30], 7.0)
+    assert not colors.are_at(image, 0, here[1], 7.0)
+    darker = (image * 0.7).astype(np.uint8)
+    for _ in range(40):
+        colors.learn(darker, 0, here[0], 7.0)
+    assert colors.are_at(darker, 0, here[0], 7.0)

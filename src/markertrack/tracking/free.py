@@ -99,11 +99,9 @@ class FreeTracker:
         moves = self._flow.follow(image, self._places, self.radii, self._steps)
         carried = moves.errors < np.maximum(MOST_OFF[0], MOST_OFF[1] * self.radii)
         carried &= (self._agreed > 0) | (self._doubtful <= CARRIED)
-        carried &= inside(self._places + moves.steps, image)
-        carried &= ~self._stood(
-            self._places + moves.steps, np.arange(len(carried))
-        )  # else flow follows what is behind it
-        expected = self._places + np.where(carried[:, None], moves.steps, self._steps)
+        there = self._places + moves.steps
+        carried &= inside(there, image) & ~self._stood(there, np.arange(len(there)))  # else it follows what is behind
+        expected = np.where(carried[:, None], there, self._places + self._steps)
         self._looks.grow(np.where(carried, moves.growths, 1.0))
         found = self._spots(image, expected, carried, moves)
         positions, confidence = self._seen(image, expected, carried, found)
