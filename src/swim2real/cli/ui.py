@@ -13,7 +13,7 @@ from swim2real.cli.terminal import say, tell
 from swimbase.errors import MissingExtraError
 
 
-def ui(folder: Positional[Path] = Path(), *, port: int = 0, browser: bool = True) -> int:
+def ui(folder: Positional[Path] = Path(), *, port: int = 0, no_browser: bool = False) -> int:
     """Open a page in the browser on which films become fits: points, tracks, sliders, searches, results.
 
     Shows the films, references, runs and robot files of a folder, and writes the files that the other commands write.
@@ -22,7 +22,7 @@ def ui(folder: Positional[Path] = Path(), *, port: int = 0, browser: bool = True
     Args:
         folder: Folder with films, or one that `demo` wrote; the page reads and writes nothing outside of it.
         port: Port on 127.0.0.1; 0 is any that is free.
-        browser: Open the browser; otherwise, and where there is none, the address is printed, for a tunnel.
+        no_browser: Print the page's address, for a tunnel, as is done where there is no browser.
     """
     import asyncio
     import contextlib
@@ -39,7 +39,7 @@ def ui(folder: Positional[Path] = Path(), *, port: int = 0, browser: bool = True
     with contextlib.ExitStack() as stack:
 
         def opened(address: str) -> None:
-            remove = open_browser(address) if browser else None
+            remove = None if no_browser else open_browser(address)
             if remove is not None:
                 stack.callback(remove)
                 say(f"{folder}: the page is open in your browser. Ctrl-C ends it; --no-browser prints its address.")
