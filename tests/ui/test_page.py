@@ -5,9 +5,9 @@ import shutil
 
 import numpy as np
 import pytest
+from live_page import FILM, serving
 
 from browser import browser
-from conftest import FILM, serving
 from swim2real import open_run
 from swim2real.demo.example import FILMS
 

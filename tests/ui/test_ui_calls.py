@@ -7,9 +7,9 @@ import time
 
 import numpy as np
 import pytest
+from live_page import FILM, serving
 from PIL import Image
 
-from conftest import FILM, serving
 from markertrack.points import load_points
 from markertrack.video import VideoReader
 from swim2real import load_reference, open_run

@@ -1,0 +1,84 @@
+"""A server of the page over a small folder, and a client that says what it likes."""
+
+import asyncio
+import http.client
+import json
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest.importorskip("tornado", reason="the page needs tornado; install the extra ui")
+
+from swim2real.ui.project import Project
+from swim2real.ui.server import listening, serve
+
+FILM = "f0_50.mp4"
+
+
+class Served:
+    """A server under way."""
+
+    def __init__(self, project: Project, address: str) -> None:
+        self.project, self.address = project, address
+        self.port, self.token = int(address.split(":")[2].split("/")[0]), address.split("#")[1]
+
+    def ask(
+        self, method: str, path: str, body: bytes | None = None, *, token: str | None = None, **headers: str
+    ) -> tuple[int, bytes]:
+        """Status and body of a request; with the page's own headers where none are given."""
+        sent = {"Host": f"127.0.0.1:{self.port}", "Authorization": f"Bearer {token or self.token}"}
+        connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=120)
+        try:
+            connection.putrequest(method, path, skip_host=True, skip_accept_encoding=True)
+            for name, value in {**sent, "Content-Length": str(len(body or b"")), **headers}.items():
+                connection.putheader(name, value)
+            connection.endheaders(body)
+            answer = connection.getresponse()
+            return answer.status, answer.read()
+        finally:
+            connection.close()
+
+    def call(self, name: str, body: Any = None, query: str = "") -> Any:
+        """What a call of the page answers, which must go well."""
+        content = None if body is None else json.dumps(body).encode()
+        status, answer = self.ask("POST" if content is not None else "GET", f"/api/{name}{query}", content)
+        assert status == 200, answer
+        return json.loads(answer)
+
+    def ended(self) -> dict[str, Any]:
+        """The job, once it has ended."""
+        assert self.project.jobs.last is not None
+        assert self.project.jobs.last.done.wait(250)
+        return self.call("job")
+
+
+@contextmanager
+def serving(folder: Path) -> Iterator[Served]:
+    project, loop, ready = Project(folder), asyncio.new_event_loop(), threading.Event()
+    address: list[str] = []
+
+    def found(text: str) -> None:
+        address.append(text)
+        ready.set()
+
+    sockets = listening(0)
+    task = loop.create_task(serve(project, sockets, found))
+
+    def run() -> None:
+        with pytest.raises(asyncio.CancelledError):
+            loop.run_until_complete(task)
+        loop.run_until_complete(loop.shutdown_default_executor())
+        loop.close()
+
+    thread = threading.Thread(target=run)
+    thread.start()
+    assert ready.wait(10)
+    try:
+        yield Served(project, address[0])
+    finally:
+        loop.call_soon_threadsafe(task.cancel)
+        thread.join(30)
