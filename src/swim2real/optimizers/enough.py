@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from math import comb, inf
 
 _GAIN, _GAIN_NOISE = 0.02, 0.25  # of the lowest loss and of the noise: a gain by ends that isn't worth a start
-_GAIN_MOTION = 0.005  # of the motion: one by the trials
+_GAIN_MOTION, _LEFT_MOTION = 0.004, 0.01  # of the motion: one by the trials, and what hidden values leave themselves
 _EXPLAINED, _NEAR = 0.02, 4.0  # of the motion and of the noise, up to which a loss explains the trials
 _ENDS_EXPLAINED, _ENDS = 2, 3  # without which ends decide nothing
 AGREEMENT = 0.1  # of the lowest loss, within which ends agree
@@ -54,7 +54,8 @@ def conclusion(ends: Sequence[float], sizes: Sizes) -> str:
     if not ends:
         return ""
     lowest, count = min(ends), len(ends)
-    if (lowest - sizes.noise) / (count + 1) <= _GAIN_MOTION * sizes.motion:
+    left = lowest - sizes.noise
+    if left / (count + 1) <= _GAIN_MOTION * sizes.motion or left <= _LEFT_MOTION * sizes.motion:
         return "too little is left unexplained for another start"
     worth = max(_GAIN * lowest, _GAIN_NOISE * sizes.noise)
     if count < needed(ends, sizes) or expected_gain(ends) > worth:
