@@ -15,10 +15,9 @@ import numpy as np
 
 from markertrack.quality import DOUBTFUL, runs
 from markertrack.tracking.markers import MarkerTracker
-from markertrack.tracking.tracker import DOUBT, Array, Mask, Tracker
+from markertrack.tracking.tracker import AGREE, DOUBT, Array, Mask, Tracker
 from markertrack.video import Frame, most_frames
 
-AGREE, AGREE_PX = 0.5, 3.0  # radii, or px, within which both ways say the same
 SETTLED = 5  # frames in which all markers are certain, after which a break is over
 SMEARED = 0.4  # highest confidence in a picture that may be smeared: doubtful to `check_track`
 
@@ -84,7 +83,7 @@ def joined(forth: tuple[Array, Array], back: tuple[Array, Array], radii: Array) 
     """
     positions, confidence = forth[0].copy(), forth[1].copy()
     between = np.linalg.norm(forth[0] - back[0], axis=2)
-    apart = between > np.maximum(AGREE * radii, AGREE_PX)
+    apart = between > np.maximum(AGREE[0] * radii, AGREE[1])
     for m in range(positions.shape[1]):
         certain, again, other = forth[1][:, m] >= DOUBTFUL, back[1][:, m] >= DOUBTFUL, apart[:, m]
         known = certain & ~_refuted(certain, again, other)

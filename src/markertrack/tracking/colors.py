@@ -24,7 +24,7 @@ class OwnColors:
         """Takes the markers' pixels in a picture, whose centers are points (M, 2) and radii (M,) [px]."""
         discs = zip(points, radii.tolist(), strict=True)
         self._own = [_shares(_disc(image, point, radius)) for point, radius in discs]
-        self._last = image, _shares(image)  # of all of the newest picture
+        self._last: tuple[Image, Colors] | None = None  # the newest picture, and all of its colors
 
     def learn(self, image: Image, marker: int, place: Array, radius: float) -> None:
         """Takes in the colors that a marker has now, at its place (2,)."""
@@ -33,7 +33,7 @@ class OwnColors:
     def are_at(self, image: Image, marker: int, place: Array, radius: float) -> bool:
         """Whether the pixels at a place (2,) are a marker's rather than any of the picture's, on average."""
         levels = _disc(image, place, radius) // (256 // LEVELS)
-        if self._last[0] is not image:
+        if self._last is None or self._last[0] is not image:
             self._last = image, _shares(image)
         own = self._own[marker]
         likely = own / np.maximum(own + self._last[1], 1e-12)

@@ -18,14 +18,13 @@ from markertrack.tracking.colors import OwnColors
 from markertrack.tracking.flow import RIM, Flow, Moves, Picture
 from markertrack.tracking.looks import LIKE, Looks, squares
 from markertrack.tracking.spots import Spots
-from markertrack.tracking.tracker import DOUBT, REASONS, Array, Image, Mask, check_order, inside
+from markertrack.tracking.tracker import AGREE, DOUBT, REASONS, Array, Image, Mask, check_order, inside
 
 CERTAIN, RIGHT, LIKELY = 1.0, 0.9, 0.8  # confidence by spot, own spot, spot elsewhere
 MOST_OFF = 1.0, 0.1  # px, or radii, by which a marker's points may disagree
 NEAR = 0.6, 2.0  # radii and px from where it was carried within which its spot lies
 FAR = 1.5  # radii within which one is looked for that wasn't carried, besides how it may have moved
 NEARBY = 8.0  # radii, besides its step, within which one is looked for by its picture
-MOST_ASIDE = 3.0, 0.5  # px, or radii, by which its picture may be beside where it was carried
 SMALL = 5.0  # px radius, below which a picture tells the place of a marker better than flow does
 SOON = 10  # frames after which a marker that was lost is only believed to be found again if it can't be another
 CARRIED = 8  # frames for which flow alone is followed
@@ -80,7 +79,7 @@ class FreeTracker:
         self._agreed = np.where(certain, AGAIN, 0)  # frames in which it was seen, one after the other
         self._time = time
         now = _Known(self._flow.picture, np.where(certain[:, None], places, np.nan))
-        self._known = [[now, now] if one else [] for one in certain]
+        self._known = [[now] if one else [] for one in certain]  # the first one and the last
         self.reasons = {reason: np.zeros(count, dtype=np.int64) for reason in REASONS}
 
     def turn(self) -> None:
@@ -201,9 +200,9 @@ class FreeTracker:
             nearby = min(found.reach[m], NEARBY * self.radii[m] + np.hypot(*self._steps[m]))
             reach = NEAR[0] * self.radii[m] + 1 if carried[m] else 1.5 if chosen[m] >= 0 else nearby
             peak, score, only = self._picture(image, m, place, reach)
-            own = carried[m] and np.hypot(*(peak - place)) < max(MOST_ASIDE[0], MOST_ASIDE[1] * self.radii[m])
-            own = own and self._colors.are_at(image, m, place, self.radii[m])
-            if own and not self._lost[m] and score > SAME:
+            own = carried[m] and not self._lost[m] and score > SAME
+            own = own and np.hypot(*(peak - place)) < max(AGREE[0] * self.radii[m], AGREE[1])
+            if own and self._colors.are_at(image, m, place, self.radii[m]):
                 positions[m], confidence[m] = peak if self.radii[m] < SMALL else place, RIGHT
                 if score < SURELY:
                     self._looks.learn_picture(image, m, place)

@@ -33,7 +33,7 @@ def about_film(project: Project, film: Path, robot: str) -> dict[str, Any]:
     }
     along = np.linalg.norm(np.diff(body.rest_markers, axis=0), axis=1) if len(body.marker_names) else np.zeros(0)
     sketch = np.concatenate([[0.0], np.cumsum(along)]) / max(float(along.sum()), 1e-9)
-    listed = next((one for one in project.content()["films"] if one["path"] == project.name(film)), {})
+    listed = project.film(film)
     track = _track(project, listed, about["fps"], body.marker_names) if "reference" in listed else None
     names = {"names": list(body.marker_names), "places": sketch.round(4).tolist()}
     return {**about, **clicked, **names, "video": film.name, "track": track}
@@ -65,7 +65,7 @@ def save(film: Path, kind: str, content: dict[str, Any]) -> dict[str, Any]:
 
 def track(project: Project, film: Path, robot: str, job: Job) -> str:
     """Tracks a film from its points, around its corrections where there are any, into the reference of its trial."""
-    listed = next((one for one in project.content()["films"] if one["path"] == project.name(film)), {})
+    listed = project.film(film)
     folder = project.folder(listed.get("reference", "reference"))
     page, camera = folder / TRACKS / f"{film_name(film)}.json", camera_of(film, project.root)
     if page.is_file():

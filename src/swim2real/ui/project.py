@@ -103,6 +103,10 @@ class Project:
             "taken": sorted({path.stem for path in self.root.iterdir()}),
         }  # fmt: skip
 
+    def film(self, path: Path) -> dict[str, Any]:
+        """What the list has of a film; nothing of one that isn't in it."""
+        return next((one for one in self.content()["films"] if one["path"] == self.name(path)), {})
+
     def _files(self) -> Iterator[Path]:
         """Files in the folder, in order, without hidden ones and links to folders."""
         count = 0
