@@ -31,7 +31,8 @@ from markertrack.track import MarkerTrack
 from markertrack.tracking.markers import MarkerTracker
 from markertrack.tracking.tracker import Tracker
 from markertrack.video import VideoReader
-from swim2real.robots import Robot, load_robot
+from swim2real.robots import load_robot
+from swim2real.robots.robot import Robot
 from swimbase.errors import TrackingError
 
 Array = NDArray[np.float64]
