@@ -71,3 +71,12 @@ def test_registration_and_distance_count_what_has_weight():
     residual = np.array([[[3.0, 4.0], [0.0, 1.0]], [[6.0, 8.0], [np.nan, 0.0]]])
     for weights, expected in (([[1, 1], [1, 0]], 16 / 3), ([[2, 0], [1, 0]], 20 / 3), ([[0, 0], [0, 0]], 0)):
         assert weighted_distance(residual, np.array(weights, float)) == pytest.approx(expected)
+
+
+def test_a_marker_is_registered_by_the_median_of_the_frames_in_which_it_counts() -> None:
+    rng = np.random.default_rng(0)
+    difference, weights = rng.standard_normal((40, 5, 2)), (rng.random((40, 5)) < 0.6).astype(float)
+    weights[:, 0], weights[:, 1], weights[:-1, 2] = 0.0, 1.0, 0.0
+    difference[weights == 0] = np.nan
+    expected = [np.median(difference[weights[:, m] > 0, m], axis=0) for m in range(1, 5)]
+    assert np.array_equal(register(difference, weights), [np.zeros(2), *expected])

@@ -53,11 +53,9 @@ def align(simulated: Callable[[Array], Array], real: Array, times: Array, weight
     few, few_weights = np.nan_to_num(real[some]), usable[some]
     norm = np.maximum(few_weights.sum(axis=0), 1e-12)[:, None]
     shifts = np.arange(_SHIFTS) * (period / _SHIFTS)
-    coarse: list[float] = []
-    for shift in shifts:
-        difference = few - simulated(times[some] + shift)
-        difference = difference - (few_weights[:, :, None] * difference).sum(axis=0) / norm
-        coarse.append(weighted_distance(difference, few_weights))
+    difference = few - simulated((times[some] + shifts[:, None]).ravel()).reshape(_SHIFTS, *few.shape)
+    difference -= ((few_weights[:, :, None] * difference).sum(axis=1) / norm)[:, None]
+    coarse = (few_weights * np.sqrt(np.square(difference).sum(axis=3))).sum(axis=(1, 2))
     best = float(shifts[int(np.argmin(coarse))])
     width = period / _SHIFTS
     found = minimize_scalar(
@@ -72,14 +70,13 @@ def align(simulated: Callable[[Array], Array], real: Array, times: Array, weight
 
 def register(difference: Array, weights: Array) -> Array:
     """Median over the frames that count, zero for a marker without any [m]. Shape (T, M, 2) to (M, 2)."""
-    if np.all(weights > 0):
-        return np.median(difference, axis=0)
-    registration = np.zeros(difference.shape[1:])
-    for m in range(difference.shape[1]):
-        counts = weights[:, m] > 0
-        if counts.any():
-            registration[m] = np.median(difference[counts, m], axis=0)
-    return registration
+    counts = weights > 0
+    seen = counts.sum(axis=0)
+    # those that don't count come last, so that the middle of the others is at the same place along both axes
+    ascending = np.sort(np.where(counts[:, :, None], difference, np.inf).transpose(1, 2, 0), axis=2)
+    markers = np.arange(len(seen))
+    low, high = (ascending[markers, :, np.minimum(place, len(counts) - 1)] for place in ((seen - 1) // 2, seen // 2))
+    return np.where(seen[:, None] > 0, (low + high) / 2, 0.0)
 
 
 def weighted_distance(residual: Array, weights: Array) -> float:

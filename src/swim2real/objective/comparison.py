@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, cast
@@ -139,14 +140,14 @@ def evidence(comparison: Comparison) -> dict[str, Any]:
 
 def rounded(value: Any) -> Any:
     """Plain lists and numbers for JSON, None for NaN."""
+    if isinstance(value, float):
+        return float(f"{value:.{_DIGITS}g}") if math.isfinite(value) else None
     if isinstance(value, dict):
         return {key: rounded(inner) for key, inner in cast("dict[str, object]", value).items()}
-    if isinstance(value, np.ndarray | list | tuple):
+    if isinstance(value, np.ndarray | np.generic):
+        return rounded(value.tolist())
+    if isinstance(value, list | tuple):
         return [rounded(inner) for inner in cast("Sequence[Any]", value)]
-    if isinstance(value, bool | np.bool_):
-        return bool(value)
-    if isinstance(value, float | np.floating):
-        return float(f"{float(value):.{_DIGITS}g}") if np.isfinite(value) else None
     return value
 
 

@@ -25,12 +25,14 @@ def beat(times: Array, positions: Array, weights: Array, frequency: float) -> di
     """
     angles = 2 * np.pi * frequency * times
     basis = np.column_stack([np.ones_like(angles), np.cos(angles), np.sin(angles)])
-    count = positions.shape[1]
-    coefficients = np.full((3, count), np.nan)
-    for m in range(count):
-        good = weights[:, m] > 0
-        if np.count_nonzero(good) > _FEWEST_FRAMES and np.isfinite(positions[good, m, 1]).all():
-            coefficients[:, m] = np.linalg.lstsq(basis[good], positions[good, m, 1], rcond=None)[0]
+    counts, sideways = weights > 0, positions[:, :, 1]
+    known = (counts.sum(axis=0) > _FEWEST_FRAMES) & (np.isfinite(sideways) | ~counts).all(axis=0)
+    coefficients = np.full((3, positions.shape[1]), np.nan)
+    together = known & counts.all(axis=0)  # markers that count in every frame are fitted at once
+    coefficients[:, together] = np.linalg.lstsq(basis, sideways[:, together], rcond=None)[0]
+    for m in np.flatnonzero(known & ~together):
+        good = counts[:, m]
+        coefficients[:, m] = np.linalg.lstsq(basis[good], sideways[good, m], rcond=None)[0]
     mean, cosine, sine = coefficients
     return {"amplitude": np.hypot(cosine, sine), "phase": np.arctan2(-sine, cosine), "mean": mean}
 
