@@ -148,7 +148,7 @@ class TrialFacts:
 
 
 @dataclass(frozen=True)
-class _EvaluationFacts:
+class EvaluationFacts:
     """All trials of an evaluation, and what differs over them. Medians and means are over trials.
 
     Attributes:
@@ -160,7 +160,7 @@ class _EvaluationFacts:
     trials: tuple[TrialFacts, ...]
 
     @classmethod
-    def of(cls, evaluation: Evaluation, robot: Robot) -> _EvaluationFacts:
+    def of(cls, evaluation: Evaluation, robot: Robot) -> EvaluationFacts:
         """Collects the facts of an evaluation of a robot's simulator."""
         figures = FitFigures.model_validate(evaluation.detail or {})
         trials = [_trial(name, found, figures.protocol, robot) for name, found in figures.trials.items()]
@@ -271,7 +271,7 @@ class RoundFacts:
     budget: int | None = None
 
     @cached_property
-    def here(self) -> _EvaluationFacts:
+    def here(self) -> EvaluationFacts:
         """The best evaluation so far."""
         return self.of(self.situation.incumbent)
 
@@ -323,12 +323,12 @@ class RoundFacts:
         return forward, [trial for trial, speed in speeds if speed is not None and speed <= 0]
 
     @cached_property
-    def _known(self) -> dict[int, _EvaluationFacts]:
+    def _known(self) -> dict[int, EvaluationFacts]:
         return {}
 
-    def of(self, evaluation: Evaluation) -> _EvaluationFacts:
+    def of(self, evaluation: Evaluation) -> EvaluationFacts:
         """Facts of one of the run's evaluations, collected once."""
-        known = self._known.get(id(evaluation)) or _EvaluationFacts.of(evaluation, self.robot)
+        known = self._known.get(id(evaluation)) or EvaluationFacts.of(evaluation, self.robot)
         return self._known.setdefault(id(evaluation), known)
 
     @property
@@ -360,7 +360,7 @@ class RoundFacts:
         ]
 
 
-def _errors(known: _EvaluationFacts) -> dict[str, float]:
+def _errors(known: EvaluationFacts) -> dict[str, float]:
     """Errors by part, trial and marker [m]."""
     parts = {part: known.mean_of(f"{part}_error") for part in ("progress", "shape", "recoil")}
     parts |= {f"trial {trial.name}": trial.error for trial in known.trials}

@@ -12,6 +12,7 @@ from swim2real.advisor.briefing.texts import mm, number, reading, shortened, sig
 from swim2real.objective import TAIL_FIRST_LOSS
 from swim2real.objective.figures import FitFigures
 from swim2real.optimizers import Evaluation, Proposal, Round
+from swim2real.optimizers.advisor import STAYS
 from swim2real.parameters import ParameterSpace
 
 _DIGITS = 3  # of a value: what they show alike is no change
@@ -66,7 +67,7 @@ def measured(measurements: Sequence[Evaluation], best: Evaluation, facts: RoundF
     """Measurements before a proposal, a line each, against the best point of their time."""
     lines: list[str] = []
     for one in measurements:
-        kept = not one.failed and (best.failed or one.loss < best.loss)
+        kept = not one.failed and (best.failed or one.loss < best.loss) and not one.candidate.note.get(STAYS)
         what = changes(best, one.candidate.point, facts.space, len(facts.space))
         lines.append(f"Measured {what.rstrip('.')}: {_result(one, kept, facts, numbers)}")
         best = one if kept else best

@@ -20,6 +20,7 @@ from swim2real.advisor.vlm.instruments import MOST_ASKED
 from swim2real.advisor.vlm.reply import reply_schema
 from swim2real.objective import TAIL_FIRST_LOSS, Comparison
 from swim2real.optimizers import Evaluation, Situation
+from swim2real.optimizers.advisor import STAYS
 from swim2real.parameters import ParameterSpace, Values
 from swim2real.rendering.album import Album, TrialPictures
 from swim2real.robots.robot import Robot
@@ -115,7 +116,8 @@ def shown_before(situation: Situation) -> Evaluation | None:
     while measured and not measured[-1].candidate.note.get("probe"):
         measured.pop()
     start = situation.rounds[-1].result if situation.rounds else situation.first
-    return min((start, *measured), key=lambda one: (one.failed, one.loss))
+    moved = [one for one in measured if not one.candidate.note.get(STAYS)]
+    return min((start, *moved), key=lambda one: (one.failed, one.loss))
 
 
 def rejected_step(situation: Situation) -> Evaluation | None:
