@@ -295,8 +295,8 @@ class LocalModel:
         """The point within a trust radius at which the expected squares are lowest.
 
         The speed of the first beats stays above a share of that of the best point in every trial, or rises where it is
-        below 0, as far as the model is sure of it by a standard deviation. The step also goes half the way at most toward
-        any evaluation that turned around.
+        below 0, as far as the model is sure of it by a standard deviation. The step also goes half the way at
+        most toward any evaluation that turned around.
 
         Args:
             radius: By how much each parameter may change at most, as a share of its range.
