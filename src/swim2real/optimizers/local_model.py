@@ -1,6 +1,6 @@
 """A local model of the residual about a point of a run, from all its evaluations, and the step that it proposes.
 
-A Gaussian process that is exact at that point: slopes, as steep as physics expects them where somebody knows, and
+A Gaussian process of the changes from that point: slopes, as steep as physics expects them where somebody knows, and
 what bends, which alters with the distance. The evidence says how much of each there is and how rough the rest. Far
 evaluations so tell little of the slopes, and a direction that nobody tried keeps what is expected of it as its
 uncertainty, which counts as a loss, so a step keeps to what is known. (Rasmussen and Williams, Gaussian Processes for
@@ -36,6 +36,7 @@ _SPEED = 0.01  # m/s, the size of a margin
 _TURNED = 0.5  # m, a loss that only an evaluation has that goes the wrong way somewhere
 
 Slopes = Callable[[Evaluation], Array]
+Kernel = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
@@ -45,7 +46,7 @@ class _Process:
     Attributes:
         away: Steps that were taken. Shape (N, d).
         metric: Expected products of the slopes of two parameters, of size 1 on average. Shape (d, d).
-        kernel: Length over which slopes change, and variance of those that physics expects.
+        kernel: Length over which slopes change, variance of those that physics expects, and roughness.
         solved: The changes, freed from their covariance. Shape (N, n).
         inverse: Of the covariance of the steps. Shape (N, N).
         scales: Variance that every output has of each unit of covariance. Shape (n,).
@@ -53,7 +54,7 @@ class _Process:
 
     away: Array
     metric: Array
-    kernel: tuple[float, float]
+    kernel: Kernel
     solved: Array
     inverse: Array
     scales: Array
@@ -62,10 +63,9 @@ class _Process:
     def of(cls, away: Array, changes: Array, metric: Array) -> _Process:
         """The process with the highest evidence, from changes (N, n) after steps (N, d)."""
         products, size = np.einsum("in,jn->ij", changes, changes), len(away)
-        tried: list[tuple[float, tuple[float, float], tuple[Array, bool]]] = []
-        for length, steepness, rough in product(_LENGTHS, _STEEPNESS if metric.any() else (0.0,), _ROUGHNESS):
-            kernel = (length, steepness)
-            covariance = _covariance(away, away, metric, kernel) + rough**2 * np.eye(size)
+        tried: list[tuple[float, Kernel, tuple[Array, bool]]] = []
+        for kernel in product(_LENGTHS, _STEEPNESS if metric.any() else (0.0,), _ROUGHNESS):
+            covariance = _covariance(away, away, metric, kernel) + kernel[2] ** 2 * np.eye(size)
             factor = cho_factor(covariance, lower=True)
             fit = float(np.trace(np.asarray(cho_solve(factor, products))))
             determinant = float(np.log(np.diag(factor[0])).sum())
@@ -74,9 +74,7 @@ class _Process:
         return cls._conditioned(away, changes, metric, kernel, np.asarray(cho_solve(factor, np.eye(size))))
 
     @classmethod
-    def _conditioned(
-        cls, away: Array, changes: Array, metric: Array, kernel: tuple[float, float], inverse: Array
-    ) -> _Process:
+    def _conditioned(cls, away: Array, changes: Array, metric: Array, kernel: Kernel, inverse: Array) -> _Process:
         solved = np.einsum("ij,jn->in", inverse, changes)
         scales = np.einsum("in,in->n", changes, solved) / (len(away) - 2)  # Student's variance, as it is estimated
         return cls(away, metric, kernel, solved, inverse, scales)
@@ -91,7 +89,7 @@ class _Process:
 
     def slopes(self, step: Array) -> Array:
         """Slopes of `cross`. Shape (N, d)."""
-        length, steepness = self.kernel
+        length, steepness, _ = self.kernel
         here, far = _near(step[None], length)[0], _near(self.away, length)
         apart = _near(self.away - step, length)
         bent = apart[:, None] * (self.away - step) + here * far[:, None] * step
@@ -108,7 +106,7 @@ class _Process:
 
     def variance_slope(self, step: Array) -> Array:
         """Slope of the variance. Shape (d,)."""
-        length, steepness = self.kernel
+        length, steepness, _ = self.kernel
         own = 2 * _near(step[None], length)[0] ** 2 * step + 2 * steepness * self.metric @ step
         return own - 2 * self.slopes(step).T @ (self.inverse @ self.cross(step))
 
@@ -121,14 +119,14 @@ def _near(steps: Array, length: float) -> Array:
     return np.exp(-0.5 * np.square(steps / length).sum(axis=1))
 
 
-def _covariance(here: Array, there: Array, metric: Array, kernel: tuple[float, float]) -> Array:
-    """Covariance of the changes after steps (N, d) and (K, d), none after no step. Shape (N, K)."""
-    length, steepness = kernel
+def _covariance(here: Array, there: Array, metric: Array, kernel: Kernel) -> Array:
+    """Covariance of the changes after steps (N, d) and (K, d), all of which are from one rough point. Shape (N, K)."""
+    length, steepness, rough = kernel
     inner = here @ there.T
     near, far = _near(here, length), _near(there, length)
     # near * far is the squared exponential about the point itself; the inner product makes it one about the other
     bent = near[:, None] * far * np.expm1(inner / length**2)
-    return length**2 * bent + steepness * here @ metric @ there.T
+    return length**2 * bent + steepness * here @ metric @ there.T + rough**2
 
 
 class Prediction(NamedTuple):

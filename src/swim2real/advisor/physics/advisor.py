@@ -45,6 +45,7 @@ _SAMPLES, _STARTS = 3000, 4
 _ENOUGH = 7  # evaluations that go forward, after which the local model proposes
 _RADIUS, _LEAST_RADIUS, _MOST_RADIUS, _WIDER, _NARROWER = 0.15, 0.03, 0.4, 1.5, 0.7  # of the local model's steps
 _CAME_TRUE, _MISSED = 0.75, 0.25  # of the gain that was expected of a step
+_HOPE = 1.0  # standard deviations by which a change may turn out better than expected
 _DIFFERENCE = 1e-4
 _GRAIN = 9  # decimals of an expected loss [m], for the same reason as those of a proposal
 
@@ -88,6 +89,10 @@ class PhysicsAdvisor:
             return solved
         expectation = self._expectation(usable, situation.incumbent, situation.rounds)
         point = self._best_point(expectation, here, trust, rng)
+        if self._slopes is not None and situation.incumbent.loss >= TAIL_FIRST_LOSS:
+            # what the response knows nothing of stays out of the way until the robot goes forward
+            ignored = ~self._slopes(situation.incumbent).any(axis=1)
+            point = np.where(ignored, self._own.to_cube(self._own.published), point)
         before, after = expectation.losses(np.array([here, point]))
         notes = {"trust": round(trust, 4), "expected_loss": float(after), "expected_loss_here": float(before)}
         reasoning = reason(self._own, here, point, self._gains(expectation, here, point))
@@ -196,7 +201,7 @@ def trust_radius(rounds: Sequence[Round]) -> float:
 
 
 def _with_unknown(model: LocalModel, point: Array) -> tuple[Array, int | None]:
-    """The point with a change of the parameter that may matter most for all that is known, where that is safe."""
+    """The point with a change of the parameter whose effect is least sure, where that may help and turns nothing."""
     here = model.base.candidate.point
     for i in np.argsort(-model.unsure):
         if model.unsure[i] < _PROGRESS * model.base.loss:
@@ -205,7 +210,9 @@ def _with_unknown(model: LocalModel, point: Array) -> tuple[Array, int | None]:
         for side in (ahead, -ahead):
             tried = point.copy()
             tried[i] = np.clip(here[i] + side * MEASURED, 0.0, 1.0)
-            if abs(tried[i] - here[i]) > MEASURED / 2 and model.safe(tried):
+            expected = model.predict(tried)
+            helps = expected.loss - _HOPE * expected.std < model.base.loss
+            if helps and abs(tried[i] - here[i]) > MEASURED / 2 and model.safe(tried):
                 return tried, int(i)
     return point, None
 

@@ -86,7 +86,7 @@ class Instruments:
         if inquiry.solve:
             parts.append(f"**solve**: {self._solved(model, inquiry, situation, wrong)}")
         if inquiry.effects:
-            parts.append(f"**effects**, raised by a tenth of the range:\n\n{self._effects(model)}")
+            parts.append(f"**effects**, raised by a tenth of the range:\n\n{effects_table(model, self._space)}")
         return "\n\n".join(parts)
 
     def _unknown(self, model: LocalModel, among: Mask) -> list[str]:
@@ -160,22 +160,23 @@ class Instruments:
         expected = self._predicted(model, point)
         return f"at most {reach:.2g} of each range, {values}{rest}.{hint}\n\nExpected: {expected}"
 
-    def _effects(self, model: LocalModel) -> str:
-        """A row for each parameter whose effect is known, and the names of the others."""
-        here, rows = model.base.candidate.point, list[str]()
-        for i, name in enumerate(self._space.names):
-            if model.known[i] < _KNOWN:
-                continue
-            raised = here.copy()
-            raised[i] += _EFFECT  # beyond a bound, too: a slope
-            expected = model.predict(raised)
-            beats = f"{1e3 * (expected.margins - model.base.margins).min():+.0f}" if expected.margins.size else "n/a"
-            change = 1e3 * (expected.loss - model.base.loss)
-            rows.append(f"| {name} | {change:+.1f} | {1e3 * expected.std:.1f} | {beats} |")
-        head = ["| parameter | loss mm | ± | first beats mm/s |", "|---|---|---|---|"]
-        text = "\n".join([*head, *rows] if rows else ["None is known."])
-        unknown = self._unknown(model, np.ones(len(here), bool))
-        return text + (f"\n\nNot known: {listed(unknown, len(unknown))}." if unknown else "")
+
+def effects_table(model: LocalModel, space: ParameterSpace) -> str:
+    """A row for each parameter with an effect that is known, and the names of those of which little is known."""
+    here, rows, known = model.base.candidate.point, list[str](), model.known >= _KNOWN
+    for i in np.flatnonzero(known):
+        raised = here.copy()
+        raised[i] += _EFFECT  # beyond a bound, too: a slope
+        expected = model.predict(raised)
+        change = expected.loss - model.base.loss
+        if abs(change) < expected.std:
+            continue
+        beats = f"{1e3 * (expected.margins - model.base.margins).min():+.0f}" if expected.margins.size else "n/a"
+        rows.append(f"| {space.names[i]} | {1e3 * change:+.1f} | {1e3 * expected.std:.1f} | {beats} |")
+    head = ["| parameter | loss mm | ± | first beats mm/s |", "|---|---|---|---|"]
+    text = "\n".join([*head, *rows] if rows else ["None is known."])
+    unknown = [space.names[i] for i in np.argsort(-model.unsure) if not known[i]]
+    return text + (f"\n\nNot known, what may matter most first: {listed(unknown, _LARGEST)}." if unknown else "")
 
 
 _FIGURES = {  # of a trial, with the digits that they are shown with

@@ -157,8 +157,8 @@ def reply_schema(space: ParameterSpace, bounds: bool = False, several: bool = Fa
         "measure": {
             "type": "array",
             "items": {"type": "string"},
-            "description": "parameters to measure, each changed alone from the current point, as NAME or, by a share of "
-            "its range, NAME +0.05; mostly empty",
+            "description": "parameters to measure, each changed alone from the current point, as NAME or, by a share "
+            "of its range, NAME +0.05; mostly empty",
         },
         "keep": {"type": "boolean", "description": "true: a measured point that is better becomes the current one"},
         "predict": {"type": "boolean", "description": "true: only predict these values, at no cost"},
