@@ -84,6 +84,32 @@ def test_the_uncertainty_covers_what_bends():
     assert np.mean(within) > 0.7
 
 
+def test_a_step_goes_half_the_way_at_most_toward_what_turned_around():
+    evaluations = around([0.2, 0.5, 0.5, 0.5], 10, np.random.default_rng(0))
+    base = LocalModel(evaluations).base
+    free = LocalModel(evaluations).solve(0.3) - base.candidate.point
+    beyond = evaluate(base.candidate.point + 0.5 * free)
+    turned = Evaluation(beyond.candidate, beyond.loss + 0.5, stages=beyond.stages, margins=beyond.margins)
+    model = LocalModel([*evaluations, turned])
+    step, toward = model.solve(0.3) - base.candidate.point, 0.5 * free
+    assert step @ toward <= 0.5 * toward @ toward + 1e-6
+    assert not model.safe(turned.candidate.point)
+    assert model.safe(base.candidate.point)
+
+
+def test_a_lucky_point_counts_as_rough():
+    """All around it is worse by the same: what is expected next to it is nearer to what the others have."""
+    rng = np.random.default_rng(0)
+    flat = [evaluate(point) for point in 0.5 + 0.01 * rng.standard_normal((12, 4))]
+    lucky = min(flat, key=lambda one: one.loss)
+    residual, weights = lucky.stages[0]
+    stage = (0.5 * residual, weights)
+    lucky = Evaluation(lucky.candidate, 0.5 * lucky.loss, stages=(stage,) * 4, margins=lucky.margins)
+    others = [one for one in flat if one.candidate is not lucky.candidate]
+    expected = LocalModel([*others, lucky]).predict(lucky.candidate.point + 0.002)
+    assert expected.loss > 1.3 * lucky.loss
+
+
 def test_failed_and_turned_evaluations_are_left_out():
     evaluations = around([0.2, 0.5, 0.5, 0.5], 8, np.random.default_rng(0), turning=0.4)
     failed = Evaluation(Candidate(cube_point([0.9, 0.9, 0.9, 0.9])), 1.0, failed=True)

@@ -42,7 +42,7 @@ _PROGRESS = 0.02  # by how much a round must lower the loss to count as progress
 _TRUST_START, _TRUST_LEAST, _TRUST_MOST = 0.5, 0.08, 0.7  # half width of the trusted box, in the unit cube
 _GROW, _SHRINK = 1.3, 0.7
 _SAMPLES, _STARTS = 3000, 4
-_ENOUGH = 7  # evaluations that go forward, after which the local model proposes
+_ENOUGH, _VAIN = 7, 3  # evaluations that go forward, after which the local model proposes; rounds in which it failed
 _RADIUS, _LEAST_RADIUS, _MOST_RADIUS, _WIDER, _NARROWER = 0.15, 0.03, 0.4, 1.5, 0.7  # of the local model's steps
 _CAME_TRUE, _MISSED = 0.75, 0.25  # of the gain that was expected of a step
 _HOPE = 1.0  # standard deviations by which a change may turn out better than expected
@@ -78,7 +78,7 @@ class PhysicsAdvisor:
         """The point within its trust that it expects to be best."""
         usable = [e for e in situation.evaluations if not e.failed]
         rng = np.random.default_rng([self._seed, len(situation.rounds)])
-        trust = trust_radius(situation.rounds)
+        trust = trust_radius([one for one in situation.rounds if "radius" not in one.proposal.notes])
         here = self._point(situation.incumbent)
         if situation.incumbent.failed or not usable:
             point = 0.5 + 0.5 * trust * rng.uniform(-1, 1, len(here))
@@ -99,13 +99,16 @@ class PhysicsAdvisor:
         return Proposal(self._back(point), _diagnosis(_figures(situation.incumbent)), reasoning, notes)
 
     def _solved(self, usable: Sequence[Evaluation], situation: Situation) -> Proposal | None:
-        """The step that the local model proposes, once the run has shown enough; None before.
+        """The step that the local model proposes, once the run has shown enough; None before, and after vain ones.
 
         Where that promises little, it also changes the parameter that may matter most for all that is known.
         """
         if not self.needs_residual or sum(bool(one.stages) and one.loss < TAIL_FIRST_LOSS for one in usable) < _ENOUGH:
             return None
-        model, radius = LocalModel(usable, self._slopes), _solved_radius(situation.rounds)
+        lately = situation.rounds[-_VAIN:]
+        if len(lately) == _VAIN and all("radius" in one.proposal.notes and not one.accepted for one in lately):
+            return None
+        model, radius = LocalModel(usable, self._slopes), solved_radius(situation.rounds)
         here, names = model.base.candidate.point, self._space.names
         point = model.solve(radius)
         notes: dict[str, object] = {"radius": round(radius, 4)}
@@ -217,7 +220,7 @@ def _with_unknown(model: LocalModel, point: Array) -> tuple[Array, int | None]:
     return point, None
 
 
-def _solved_radius(rounds: Sequence[Round]) -> float:
+def solved_radius(rounds: Sequence[Round]) -> float:
     """Radius of the local model's steps: it grows where what was expected of the full step came true, or shrinks."""
     radius = _RADIUS
     for finished in rounds:
