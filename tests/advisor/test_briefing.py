@@ -59,7 +59,7 @@ def tables(text: str) -> list[list[list[str]]]:
     cells = [[[cell.strip() for cell in row.strip()[1:-1].split("|")] for row in one.splitlines()] for one in found]
     for one in cells:
         assert {len(row) for row in one} == {len(one[0])}
-        assert set(one.pop(1)) == {"---"}
+        assert set(one.pop(1)) == {"-"}
     return cells
 
 

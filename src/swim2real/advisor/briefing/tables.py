@@ -26,7 +26,7 @@ _SAID = {  # of figures with a column of their own, as who judges a fit by them 
     "shape_error": "what differs in the frame of the head, without the way that it has come.",
     "recoil_error": "what the yaw and the sway of the head add.",
     "heading_error": "how far it turns away.",
-    "left_out_share": "share of the real marker positions that couldn't be used; distrust rows with much of it.",
+    "left_out_share": "share of the real marker positions that couldn't be used; weigh rows with much of it less.",
 }
 
 
@@ -110,8 +110,8 @@ def trial_columns(facts: RoundFacts) -> list[Column]:
         ]
     if facts.from_rest:
         said = (
-            "`first beats`: forward speed over the first two beats from rest. Near 0, or below, the trial is about to "
-            "turn last marker first; it changes smoothly, where the speed jumps."
+            "`first beats`: forward speed over the first two beats from rest; near 0, or below, the trial is about to "
+            "turn last marker first."
         )
         columns.append(Column("first beats mm/s", lambda t: mm(facts.from_rest.get(t.name, (None, None))[1]), said))
     if here.markers:
@@ -134,7 +134,7 @@ def _worst_marker(trial: TrialFacts) -> str:
 
 def head_columns() -> list[Column]:
     """Columns of the table of the head's motion, with a row per trial."""
-    yaw = "`yaw`, `sway`: how far the head turns and goes to the side about its path, at the frequency of the beat."
+    yaw = "`yaw`, `sway`: how far the head turns and goes to the side about its path."
     return [
         Column("trial", lambda t: t.name),
         Column("yaw real deg", lambda t: degrees(t.figures.yaw_real), yaw),
@@ -163,10 +163,7 @@ def marker_columns(facts: RoundFacts) -> list[Column]:
         Column("ratio", _ratio),
     ]
     if any(marker.ahead is not None for marker in facts.here.markers):
-        said = (
-            "`phase`: simulated minus real; +10 means that the simulated marker is 10 deg of a beat ahead of the real "
-            "one, -10 that it comes later."
-        )
+        said = "`phase`: simulated minus real, above 0 where the simulated one is ahead."
         columns.append(Column("phase deg", lambda marker: number(marker.ahead, 0, signed=True), said))
     if any(marker.offset for marker in facts.here.markers):
         said = f"`offset`: by how much its mean place differs, simulated minus real: {facts.axes.directions}."

@@ -173,7 +173,7 @@ def effects_table(model: LocalModel, space: ParameterSpace) -> str:
             continue
         beats = f"{1e3 * (expected.margins - model.base.margins).min():+.0f}" if expected.margins.size else "n/a"
         rows.append(f"| {space.names[i]} | {1e3 * change:+.1f} | {1e3 * expected.std:.1f} | {beats} |")
-    head = ["| parameter | loss mm | ± | first beats mm/s |", "|---|---|---|---|"]
+    head = ["| parameter | loss mm | ± | first beats mm/s |", "|-|-|-|-|"]
     text = "\n".join([*head, *rows] if rows else ["None is known."])
     unknown = [space.names[i] for i in np.argsort(-model.unsure) if not known[i]]
     return text + (f"\n\nNot known, what may matter most first: {listed(unknown, _LARGEST)}." if unknown else "")
