@@ -76,7 +76,7 @@ class _Process:
     @classmethod
     def _conditioned(cls, away: Array, changes: Array, metric: Array, kernel: Kernel, inverse: Array) -> _Process:
         solved = np.einsum("ij,jn->in", inverse, changes)
-        scales = np.einsum("in,in->n", changes, solved) / (len(away) - 2)  # Student's variance, as it is estimated
+        scales = np.maximum(np.einsum("in,in->n", changes, solved), 0.0) / (len(away) - 2)  # Student's variance
         return cls(away, metric, kernel, solved, inverse, scales)
 
     def with_outputs(self, changes: Array) -> _Process:

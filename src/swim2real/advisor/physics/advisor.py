@@ -89,10 +89,10 @@ class PhysicsAdvisor:
             return solved
         expectation = self._expectation(usable, situation.incumbent, situation.rounds)
         point = self._best_point(expectation, here, trust, rng)
-        if self._slopes is not None and situation.incumbent.loss >= TAIL_FIRST_LOSS:
-            # what the response knows nothing of stays out of the way until the robot goes forward
-            ignored = ~self._slopes(situation.incumbent).any(axis=1)
-            point = np.where(ignored, self._own.to_cube(self._own.published), point)
+        if self._slopes is not None:  # what the response knows nothing of: as in the model until the robot goes forward
+            backward = situation.incumbent.loss >= TAIL_FIRST_LOSS
+            known = self._slopes(situation.incumbent).any(axis=1)
+            point = np.where(known, point, self._own.to_cube(self._own.published) if backward else here)
         before, after = expectation.losses(np.array([here, point]))
         notes = {"trust": round(trust, 4), "expected_loss": float(after), "expected_loss_here": float(before)}
         reasoning = reason(self._own, here, point, self._gains(expectation, here, point))

@@ -104,7 +104,7 @@ class Instruments:
             )
         text = "; ".join(parts) + f". {expected.known:.0%} of the way there is known."
         unknown = self._unknown(model, np.abs(point - here) > _MOVED)
-        text += f" Nobody has tried {listed(unknown)}: {_cost(unknown)}." if unknown else ""
+        text += f" Little is known of {listed(unknown)}: {_cost(unknown)}." if unknown else ""
         return "\n\n".join([text, *self._by_trial(model, point)])
 
     def _by_trial(self, model: LocalModel, point: Array) -> list[str]:
@@ -125,7 +125,7 @@ class Instruments:
         rows = [[trial.name] for trial in here]
         grown = np.sqrt(squares[1] / np.maximum(squares[0], 1e-12))
         for i, trial in enumerate(here):
-            whole = None if trial.error is None else trial.error * grown[i]
+            whole = None if trial.error is None or not squares[0, i] > 0 else trial.error * grown[i]
             rows[i] += [number(whole, 1, 1e3), *(number(errors[p][i], 1, 1e3) for p in _PARTS if p in errors)]
         means, stds = model.expect(point, lambda one: _figures(one, self._robot))
         for (heading, digits), mean, std in zip(_FIGURES.items(), means.T, stds.T, strict=True):
@@ -151,7 +151,7 @@ class Instruments:
         point, here = weighed.solve(reach, free), model.base.candidate.point
         old, new = self._space.to_values(here), self._space.to_values(point)
         order = [i for i in np.argsort(-np.abs(point - here)) if abs(point[i] - here[i]) > _MOVED]
-        hint = f" Nobody has moved {listed(unknown)}: {_cost(unknown)}." if unknown else ""
+        hint = f" Little is known of {listed(unknown)}: {_cost(unknown)}." if unknown else ""
         if not order:
             return f"no step along these, at most {reach:.2g} of each range, promises anything.{hint}"
         moved = [names[i] for i in order[:_LARGEST]]
