@@ -6,7 +6,8 @@ markers' places [px], NaN where nobody knows; `names`, shape (M,); `radius`, of 
 project; docs/tracking.md names where they are from.
 
 usable: known places that are reported with a confidence of 0.5 or more. silent: of these, off by more than half a
-radius and 3 px. RMSE: of the usable ones.
+radius and 3 px. RMSE: of the usable ones. With `--clicks 10` usable and silent of ours after ten clicks of correction:
+places of the reference in the middle of the longest doubtful or lost times of markers, as a person might click them.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from __future__ import annotations
 import argparse
 import time
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -22,11 +23,16 @@ from csrt import CsrtTracker
 from numpy.typing import NDArray
 
 from markertrack.both_ways import both_ways
-from markertrack.points import load_points
+from markertrack.following import Film, correct
+from markertrack.points import Anchor, load_points
+from markertrack.quality import DOUBTFUL, runs
+from markertrack.span import Span
+from markertrack.track import MarkerTrack
 from markertrack.tracking.markers import MarkerTracker
 from markertrack.tracking.tracker import Tracker
 from markertrack.video import VideoReader
 from swim2real.robots import load_robot
+from swim2real.robots.robot import Robot
 from swimbase.errors import TrackingError
 
 Array = NDArray[np.float64]
@@ -56,20 +62,65 @@ class LucasKanade:
         return there[:, 0].astype(float), ((off < BACK) & (seen[:, 0] > 0) & (again[:, 0] > 0)).astype(float)
 
 
-def judged(folder: Path, name: str) -> str:
-    """Cells of a table: usable, silent, RMSE and milliseconds of a tracker and of decoding on a film."""
+class Reference(NamedTuple):
+    """A film, what is known of it, and where its markers are [px]: shape (T, M, 2), NaN where nobody knows."""
+
+    video: Path
+    robot: Robot
+    radius: float
+    known: Array
+
+    def score(self, places: Array, confidence: Array) -> tuple[float, int, float]:
+        """Usable places [%], silent errors and RMSE [px] of positions (T, M, 2) and confidence (T, M)."""
+        count = min(len(self.known), len(places))
+        off = np.linalg.norm(places[:count] - self.known[:count], axis=2)
+        there = np.isfinite(self.known[:count, :, 0])
+        usable = there & (confidence[:count] >= DOUBTFUL) & np.isfinite(off)
+        silent = int((off[usable] > max(3.0, self.radius / 2)).sum())
+        rmse = float(np.sqrt(np.mean(off[usable] ** 2))) if usable.any() else np.nan
+        return 100 * usable.sum() / there.sum(), silent, rmse
+
+
+def reference(folder: Path) -> Reference:
+    """The film of a folder."""
     video = next(path for path in folder.iterdir() if path.suffix in VIDEOS)
     robot = load_robot(str(next(folder.glob("*.toml"))), markers_only=True)
     truth = np.load(folder / "truth.npz")
     order = [[str(one) for one in truth["names"]].index(one) for one in robot.marker_names]
-    radius, known = float(truth["radius"]), truth["p"][:, order]
+    return Reference(video, robot, float(truth["radius"]), truth["p"][:, order])
+
+
+def clicked(folder: Path, clicks: int) -> str:
+    """Cells of a table: usable and silent places before and after clicks of correction, in three sittings."""
+    film, anchors = reference(folder), dict[int, Anchor]()
+    names, bodies = film.robot.marker_names, film.robot.marker_bodies
+    what = Film(folder.name, film.video, Span(), names, bodies, 1, None)
+    with VideoReader(film.video, threads=1) as reader:
+        start = load_points(folder / "clicks.json", names, reader.info.width, reader.info.height)
+        seen = list(both_ways(MarkerTracker(bodies, fixed=0), reader, start.points))
+        places, sure = (np.array([one[k] for one in seen]) for k in (1, 2))
+        base = track = MarkerTrack([frame.time - seen[0][0].time for frame, *_ in seen], places, sure)
+        for many in np.diff(np.linspace(0, clicks, 4).round().astype(int)).tolist():
+            known = film.known[: track.frame_count]
+            failing = np.isfinite(known[..., 0]) & (track.confidence[: len(known)] < DOUBTFUL)
+            times = [(end - begin, m, (begin + end) // 2) for m, of in enumerate(failing.T) for begin, end in runs(of)]
+            for _, marker, frame in sorted(times, reverse=True)[:many]:
+                nothing = Anchor(frame, np.full((len(names), 2), np.nan), np.zeros(len(names), dtype=bool))
+                anchors.setdefault(frame, nothing).points[marker] = known[frame, marker]
+            track = correct(what, reader, base, 0, [anchors[frame] for frame in sorted(anchors)])
+    return " | ".join("{:.1f} % | {}".format(*film.score(one.positions, one.confidence)) for one in (base, track))
+
+
+def judged(folder: Path, name: str) -> str:
+    """Cells of a table: usable, silent, RMSE and milliseconds of a tracker and of decoding on a film."""
+    film = reference(folder)
     trackers: dict[str, Tracker] = {
-        "ours": MarkerTracker(robot.marker_bodies, fixed=0),
-        "csrt": CsrtTracker(box=max(8, round(BOXES * radius))),
-        "lk": LucasKanade(radius),
+        "ours": MarkerTracker(film.robot.marker_bodies, fixed=0),
+        "csrt": CsrtTracker(box=max(8, round(BOXES * film.radius))),
+        "lk": LucasKanade(film.radius),
     }
-    with VideoReader(video, threads=1) as reader:
-        start = load_points(folder / "clicks.json", robot.marker_names, reader.info.width, reader.info.height)
+    with VideoReader(film.video, threads=1) as reader:
+        start = load_points(folder / "clicks.json", film.robot.marker_names, reader.info.width, reader.info.height)
         began = time.thread_time()
         try:
             seen = list(both_ways(trackers[name], reader, start.points))
@@ -77,22 +128,24 @@ def judged(folder: Path, name: str) -> str:
             return f"refused: {error} |  |  | "
         spent = time.thread_time() - began
     _, found, confidence = zip(*seen, strict=True)
-    sure = np.array(confidence) >= 0.5
-    known = known[: len(found)]
-    off = np.linalg.norm(np.array(found[: len(known)]) - known, axis=2)
-    there = np.isfinite(known[..., 0])
-    usable = there & sure[: len(known)] & np.isfinite(off)
-    silent = int((off[usable] > max(3.0, radius / 2)).sum())
-    rmse = np.sqrt(np.mean(off[usable] ** 2)) if usable.any() else np.nan
-    return f"{100 * usable.sum() / there.sum():.1f} % | {silent} | {rmse:.2f} | {1e3 * spent / len(found):.1f}"
+    usable, silent, rmse = film.score(np.array(found), np.array(confidence))
+    return f"{usable:.1f} % | {silent} | {rmse:.2f} | {1e3 * spent / len(found):.1f}"
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("films", nargs="+", type=Path, metavar="FOLDER", help="of a film")
     parser.add_argument("--trackers", nargs="+", default=["ours", "csrt", "lk"], choices=["ours", "csrt", "lk"])
+    parser.add_argument("--clicks", type=int, default=0, metavar="N", help="ours before and after N of correction")
     arguments = parser.parse_args()
     cv2.setNumThreads(1)
+    if arguments.clicks:
+        print(
+            f"| film | usable | silent | after {arguments.clicks} clicks: usable | silent |\n|---|---:|---:|---:|---:|"
+        )
+        for folder in arguments.films:
+            print(f"| {folder.name} | {clicked(folder, arguments.clicks)} |", flush=True)
+        return
     print("| film | " + " | ".join(f"{one}: usable | silent | RMSE px | ms" for one in arguments.trackers) + " |")
     print("|---" + "|---:" * (4 * len(arguments.trackers)) + "|")
     for folder in arguments.films:

@@ -3,43 +3,36 @@
 Markers that fail at about the same time, near one another, are one stretch: a person sees to them together.
 
 A track keeps what it was sure of, except where a correction contradicts it. Between two places that are known, clicks
-or sure frames, a marker is followed forward from the first and backward from the second by its picture (`patches`), and
-moves with its neighbors meanwhile. Where both ways meet it is sure, where they don't it is doubtful.
+or sure frames, a marker is followed anew by flow and looks (`free`), forward from the first and backward from the
+second. A way that arrives elsewhere than where the marker is known to be is doubtful; `both_ways` joins the two.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from markertrack.both_ways import joined
 from markertrack.points import Anchor
 from markertrack.quality import DOUBTFUL
 from markertrack.track import MarkerTrack
-from markertrack.tracking.appearance import radius_at
-from markertrack.tracking.patches import Patches
-from markertrack.tracking.tracker import DOUBT, Array, Image, Mask
-
-_Found = tuple[Array, float]  # place and score
+from markertrack.tracking.free import APART, FreeTracker
+from markertrack.tracking.tracker import AGREE, DOUBT, Array, Image, Mask
+from swimbase.errors import TrackingError
 
 GAP = 5  # frames between two failures of a marker that are one stretch
 OVERLAP = 0.5  # share of their common time in which two markers of one stretch fail at once
 NEAR = 1.25  # times the usual spacing of markers, within which those of one stretch lie
 NEIGHBORS = 3  # markers with which a lost one is expected to move on
 _SAMPLES = 50  # frames that tell how far apart markers are
-ROOM = (32, 80)  # px around an expected place that are kept, at least and at most
-AGREE = 0.5  # radii within which the ways from both sides agree, or
-AGREE_PX = 2.0  # px
 CLICK_PX, MOST_CLICK_PX = 2.0, 6.0  # by which a click that confirms a place may be off it, at least and at most
 CLICK_SHARE = 0.05  # of the markers' usual spacing, likewise
 JUMP_SHARE = 0.4  # of that spacing by which the velocity of a marker may change per frame
-FAIR = 0.7  # correlation of a marker on which both ways agree
-CHANGED = 0.9  # correlation below which its picture is taken anew
-SURE = 0.8  # correlation of a marker that is followed without a doubt
 MEANWHILE = 5  # frames that a click is believed against the track, on each side, where it says that a marker is hidden
 
 
@@ -128,16 +121,15 @@ def spacing(places: Array) -> float:
 
 
 @dataclass
-class _Gap:
-    """A stretch of a track in which one marker is followed anew.
+class Gap:
+    """A stretch of a track in which one marker is followed anew, from what is known of it, both ways.
 
     Attributes:
         marker: Its index.
         first: Number of the first frame of the stretch in the track.
+        last: Number of the last one.
         known: Places that are known in it and beside it, by frame [px].
         hidden: Frames of it in which the marker is hidden.
-        expected: Where it may be in each frame. Shape (T, 2).
-        room: Distance around the expected place that is kept of each picture [px].
     """
 
     marker: int
@@ -145,82 +137,88 @@ class _Gap:
     last: int
     known: dict[int, Array]
     hidden: frozenset[int]
-    expected: Array
-    room: int
-    _windows: dict[int, tuple[Image, Array]] = field(default_factory=dict[int, tuple[Image, Array]], init=False)
 
-    def needs(self, frame: int) -> bool:
-        """True if a frame lies in the stretch or beside it."""
-        return self.first - 1 <= frame <= self.last + 1
+    def __post_init__(self) -> None:
+        self.forth, self.back = _Way(self), _Way(self)
 
-    def see(self, frame: int, image: Image) -> None:
-        """Keeps what is needed of the picture of a frame."""
-        left, top = np.maximum(np.round(self.expected[frame]).astype(int) - self.room, 0).tolist()
-        right, bottom = np.round(self.expected[frame]).astype(int) + self.room + 1
-        part = np.ascontiguousarray(image[top : max(int(bottom), top + 1), left : max(int(right), left + 1)])
-        self._windows[frame] = part, np.array([left, top], dtype=float)
+    @property
+    def radius(self) -> float:
+        """Radius of the marker [px]."""
+        return max(self.forth.radius, self.back.radius)
+
+    @property
+    def begin(self) -> int:
+        """The frame before the stretch."""
+        return self.first - 1
+
+    @property
+    def end(self) -> int:
+        """The frame after it."""
+        return self.last + 1
 
     def followed(self) -> tuple[Array, Array]:
         """Places, NaN where the marker is lost [px], and confidence in each frame. Shapes (L, 2), (L,)."""
-        count = self.last - self.first + 1
-        places, confidence = np.full((count, 2), np.nan), np.zeros(count)
-        stops = sorted({*self.known, *self.hidden, self.first - 1, self.last + 1})
-        for begin, end in pairwise(stops):
-            frames = range(begin + 1, end)
-            forward = self._follow(begin, list(frames)) if begin in self.known else {}
-            backward = self._follow(end, list(reversed(frames))) if end in self.known else {}
-            for frame in frames:
-                place, sure = self._joined(frame, begin, end, forward.get(frame), backward.get(frame))
-                places[frame - self.first], confidence[frame - self.first] = place, sure
-        for frame, place in self.known.items():
-            if self.first <= frame <= self.last:
-                places[frame - self.first], confidence[frame - self.first] = place, 1.0
-        return places, confidence
+        places, sure = np.full_like(self.forth.places, np.nan), np.zeros_like(self.forth.sure)
+        for begin, end in pairwise(sorted({*self.known, *self.hidden, self.begin, self.end})):
+            part = slice(begin - self.begin, end - self.begin + 1)
+            places[part], sure[part] = self._between(begin, end, part)
+        for frame in self.hidden:
+            places[frame - self.begin], sure[frame - self.begin] = np.nan, 0.0
+        return places[1:-1], sure[1:-1]
 
-    def _follow(self, begin: int, frames: list[int]) -> dict[int, _Found]:
-        """Places and scores in frames one after the other, from a known one on."""
-        image, corner = self._windows[begin]
-        place = self.known[begin]
-        self._radius = radius_at(image, (place - corner)[None])
-        patches = Patches(image, (place - corner)[None], np.array([self._radius]), np.full((1, 3), 85.0))
-        found: dict[int, _Found] = {}
-        before = begin
-        for frame in frames:
-            image, corner = self._windows[frame]
-            place = place + self.expected[frame] - self.expected[before]
-            before = frame
-            peaks = patches.find(image, 0, place - corner, 1.5 * self._radius + 3.0)
-            if peaks:
-                place = np.array([peaks[0].x, peaks[0].y]) + corner
-                found[frame] = place, peaks[0].score
-                if SURE < peaks[0].score < CHANGED:  # each time it is taken anew, its place is off by a little
-                    patches.learn(image, 0, place - corner)
-        return found
+    def _between(self, begin: int, end: int, part: slice) -> tuple[Array, Array]:
+        """Places and confidence from one stop to the next, by both ways."""
+        forth, back = ((way.places[part].copy(), way.sure[part].copy()) for way in (self.forth, self.back))
+        for (places, sure), at, stop in ((forth, -1, end), (back, 0, begin)):  # where a way arrives
+            off = float(np.hypot(*(places[at] - self.known[stop]))) if stop in self.known else np.nan
+            if sure[at] >= DOUBTFUL and off > max(AGREE[0] * self.radius, AGREE[1]):
+                sure[:] = np.minimum(sure, DOUBT)  # at another marker: nobody knows since when
+        for at, stop in ((0, begin), (-1, end)):
+            for places, sure in (forth, back):
+                places[at], sure[at] = self.known.get(stop, np.nan), stop in self.known
+        one, other = ((places[:, None], sure[:, None]) for places, sure in (forth, back))
+        places, sure = joined(one, other, np.array([self.radius]))
+        return places[:, 0], sure[:, 0]
 
-    def _joined(
-        self, frame: int, begin: int, end: int, forward: _Found | None, backward: _Found | None
-    ) -> tuple[Array | float, float]:
-        """Place and confidence in a frame between two stops."""
-        if forward is None and backward is None:
-            return np.nan, 0.0
-        if forward is not None and backward is not None:
-            if np.hypot(*(forward[0] - backward[0])) < max(AGREE * self._radius, AGREE_PX):
-                share = (frame - begin) / (end - begin)
-                score = max(forward[1], backward[1])
-                return (1 - share) * forward[0] + share * backward[0], score if score > FAIR else DOUBT
-            return (forward if frame - begin < end - frame else backward)[0], DOUBT
-        place, score = forward or backward or (np.full(2, np.nan), 0.0)
-        other = end if forward is not None else begin
-        return place, score if score > SURE and other not in self.known else min(score, DOUBT)
+
+class _Way:
+    """One way through a gap: the marker is picked in each frame in which it is known, and followed from there.
+
+    Attributes:
+        places: Where it led to in each frame, from the one before the gap to the one after it [px]. Shape (L + 2, 2).
+        sure: Confidence. Shape (L + 2,).
+        radius: Of the marker [px]; 0 as long as it wasn't picked.
+    """
+
+    def __init__(self, gap: Gap) -> None:
+        count = gap.end - gap.begin + 1
+        self.places, self.sure, self.radius = np.full((count, 2), np.nan), np.zeros(count), 0.0
+        self._gap = gap
+        self._tracker: FreeTracker | None = None
+
+    def see(self, image: Image, frame: int, clock: float) -> None:
+        """Takes the next picture of the gap on the way, its number in the track, and a time that grows."""
+        at = frame - self._gap.begin
+        if self._tracker is not None:
+            (self.places[at],), (self.sure[at],) = self._tracker.follow(image, clock)
+            self.radius = float(self._tracker.radii[0])
+        if frame in self._gap.hidden:
+            self._tracker = None
+        elif frame in self._gap.known:
+            self._tracker = FreeTracker()
+            try:
+                self._tracker.start(image, self._gap.known[frame][None], clock)
+            except TrackingError:  # nothing can be made out there
+                self._tracker = None
 
 
 def gaps_to_correct(
     track: MarkerTrack, anchors: Sequence[Anchor], bodies: Sequence[int]
-) -> tuple[MarkerTrack, list[_Gap]]:
+) -> tuple[MarkerTrack, list[Gap]]:
     """The track without what corrections contradict, and the stretches in which markers are followed anew.
 
-    A click on a place that was doubted confirms it, and with it all markers of the rigid body, in this frame and in
-    those around it that were doubted and through which the marker moves on steadily.
+    A click on a place that was doubted of a body of several markers says which of its markers is which: it confirms all
+    of them, in this frame and in those around it that were doubted and through which the marker moves on steadily.
 
     Args:
         track: Track in pixels.
@@ -235,9 +233,9 @@ def gaps_to_correct(
     for anchor in anchors:
         for m in np.flatnonzero(np.isfinite(anchor.points[:, 0])).tolist():
             off = np.hypot(*(positions[anchor.frame, m] - anchor.points[m]))
-            if off < max(CLICK_PX, min(CLICK_SHARE * apart, MOST_CLICK_PX)):
+            same = np.flatnonzero(np.asarray(bodies) == bodies[m])
+            if len(same) > 1 and off < max(CLICK_PX, min(CLICK_SHARE * apart, MOST_CLICK_PX)):
                 part = _steady(positions[:, m], seen[:, m] & ~sure[:, m], anchor.frame, JUMP_SHARE * apart)
-                same = np.flatnonzero(np.asarray(bodies) == bodies[m])
                 sure[part, same[:, None]] |= seen[part, same[:, None]]
                 continue
             clicks.setdefault(m, {})[anchor.frame] = anchor.points[m]
@@ -256,9 +254,7 @@ def gaps_to_correct(
     for m, places in clicks.items():
         confidence[list(places), m] = 1.0
     cleaned = MarkerTrack(track.times, positions, confidence)
-    expected = expected_places(cleaned)
-    room = int(np.clip(np.nan_to_num(spacing(expected), nan=ROOM[1]), *ROOM))
-    gaps: list[_Gap] = []
+    gaps: list[Gap] = []
     for m, places in clicks.items():
         certain = sure[:, m].copy()
         certain[list(places)] = False
@@ -266,16 +262,20 @@ def gaps_to_correct(
             known = {frame: place for frame, place in places.items() if first <= frame <= last}
             known |= {frame: positions[frame, m] for frame in (first - 1, last + 1) if 0 <= frame < len(sure)}
             inside = frozenset(frame for frame in hidden.get(m, ()) if first <= frame <= last)
-            gaps.append(_Gap(m, first, last, known, inside, expected[:, m], room))
+            gaps.append(Gap(m, first, last, known, inside))
     return cleaned, gaps
 
 
-def corrected(track: MarkerTrack, gaps: Sequence[_Gap]) -> MarkerTrack:
+def corrected(track: MarkerTrack, gaps: Sequence[Gap]) -> MarkerTrack:
     """The track with the markers as they were followed in gaps that have seen all of their pictures."""
     positions, confidence = track.positions.copy(), track.confidence.copy()
     for gap in gaps:
-        part = slice(gap.first, gap.last + 1)
-        positions[part, gap.marker], confidence[part, gap.marker] = gap.followed()
+        part, beside = slice(gap.first, gap.last + 1), np.arange(track.marker_count) != gap.marker
+        places, sure = gap.followed()
+        away = np.linalg.norm(track.positions[part] - places[:, None], axis=2)[:, beside]
+        taken = (away < 2 * APART * gap.radius) & (track.confidence[part][:, beside] >= DOUBTFUL)
+        positions[part, gap.marker] = places
+        confidence[part, gap.marker] = np.where(taken.any(axis=1), np.minimum(sure, DOUBT), sure)
     return MarkerTrack(track.times, positions, confidence)
 
 

@@ -115,17 +115,36 @@ def follow(
     if start.frame > first.index:
         track = _backward(film, track, first.index, start, make_tracker())
     if anchors:
-        said = [Anchor(anchor.frame - first.index, anchor.points, anchor.hidden) for anchor in anchors]
-        track, gaps = gaps_to_correct(track, said, film.bodies)
-        for frame in within(reader, film.span):
-            k = frame.index - first.index
-            for gap in gaps:
-                if gap.needs(k):  # other pictures aren't converted
-                    gap.see(k, frame.image)
-        track = corrected(track, gaps)
+        track = correct(film, reader, track, first.index, anchors)
     if later:
         draw_track(film, reader, track)
     return track
+
+
+def correct(film: Film, reader: VideoReader, track: MarkerTrack, first: int, anchors: Sequence[Anchor]) -> MarkerTrack:
+    """The track with markers followed anew, both ways, where a person's corrections say more than it knew.
+
+    Args:
+        film: What was tracked.
+        reader: Its frames.
+        track: Track in pixels.
+        first: Number in the video of the track's first frame.
+        anchors: Corrections.
+    """
+    said = [Anchor(anchor.frame - first, anchor.points, anchor.hidden) for anchor in anchors]
+    cleaned, gaps = gaps_to_correct(track, said, film.bodies)
+    if gaps:
+        begin, end = min(gap.begin for gap in gaps), max(gap.end for gap in gaps)
+        last = first + min(end, track.frame_count - 1)
+        back = frames_backwards(film.path, first + max(begin, 0), last, film.threads, film.fps)
+        for frames, forth in ((within(reader, film.span), True), (back, False)):
+            for frame in frames:
+                k = frame.index - first
+                for gap in gaps:
+                    if gap.begin <= k <= gap.end:  # other pictures aren't converted
+                        way, clock = (gap.forth, track.times[k]) if forth else (gap.back, -track.times[k])
+                        way.see(frame.image, k, clock)
+    return corrected(cleaned, gaps)
 
 
 def draw_track(film: Film, reader: VideoReader, track: MarkerTrack) -> None:

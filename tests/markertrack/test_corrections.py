@@ -51,9 +51,12 @@ def click(frame, off=(0.0, 0.0), markers=(WRONG,), hidden=()):
 def after(before, *anchors, bodies=BODIES):
     """The corrected track, and the gaps."""
     cleaned, gaps = gaps_to_correct(before, anchors, bodies)
-    for frame, image in enumerate(PICTURES):
-        for gap in gaps:
-            gap.see(frame, image)
+    for gap in gaps:
+        frames = range(max(gap.begin, 0), min(gap.end + 1, FRAMES))
+        for frame in frames:
+            gap.forth.see(PICTURES[frame], frame, frame)
+        for frame in reversed(frames):
+            gap.back.see(PICTURES[frame], frame, -frame)
     return corrected(cleaned, gaps), gaps
 
 
@@ -100,6 +103,15 @@ def test_a_click_that_agrees_with_a_doubted_place_confirms_the_body():
     same = np.array(BODIES) == BODIES[WRONG]
     assert (found.confidence[:, same] >= DOUBTFUL).all()
     assert (found.confidence[FIRST : LAST + 1, ~same] < DOUBTFUL).all()
+
+
+def test_a_click_on_a_marker_that_moves_by_itself_says_nothing_of_doubted_places_beside_it():
+    """They drift away from it steadily: it is followed anew."""
+    drift = TRUTH[FIRST : LAST + 1, WRONG] + 2.0 * (np.arange(FIRST, LAST + 1) - 20)[:, None]
+    found, (gap,) = after(track((WRONG, FIRST, LAST, drift, 0.4)), click(20), bodies=range(len(ROW)))
+    assert (gap.first, gap.last) == (FIRST, LAST)
+    assert off(found).max() < 0.5
+    assert (found.confidence[:, WRONG] >= DOUBTFUL).all()
 
 
 def test_hidden_loses_the_marker_around_its_frame_only():

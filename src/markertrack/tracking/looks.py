@@ -18,7 +18,7 @@ from markertrack.tracking.labeling import find_blobs
 from markertrack.tracking.patches import Patches
 from markertrack.tracking.spots import SpotFinder, Spots, streak_lengths
 from markertrack.tracking.tags import dictionary_at
-from markertrack.tracking.tracker import Array, Image, Mask, check_points
+from markertrack.tracking.tracker import AGREE, Array, Image, Mask, check_points
 from swimbase.errors import TrackingError
 
 OWN_AREAS = (0.4, 2.4)  # of a disc of a marker's radius, within which a spot at its point is the marker
@@ -69,15 +69,17 @@ class Looks:
         own, glossy = _Own.none(points), np.zeros(len(points), dtype=bool)
         for _ in range(ROUNDS):
             own, glossy = _Own.none(self.points), np.zeros(len(points), dtype=bool)
+            measured: list[_Own] = []
             for scale, many, room in product(SCALES, (False, True), ROOMS):
                 if scale != SCALES[0] and (own.solidity > LEAST_SOLIDITY).mean() > 0.5:
                     break
                 finder = SpotFinder(image, self.points, scale * radii, np.full(len(points), many))
                 other = _own(finder, image, points, scale * radii, room)
+                measured.append(other)
                 better = other.solidity > own.solidity + SOLIDER
                 better |= (other.solidity > LEAST_SOLIDITY) & (own.solidity <= LEAST_SOLIDITY)
                 glossy, own = np.where(better, many, glossy), own.where(better, other)
-            self.plain = own.solidity > LEAST_SOLIDITY
+            self.plain = (own.solidity > LEAST_SOLIDITY) & ~_contradicted(own, measured)
             self.points = np.where(self.plain[:, None], own.centers, points)
             radii[self.plain] = np.sqrt(own.areas[self.plain] / np.pi)
         self._finder = SpotFinder(image, self.points, radii, glossy)
@@ -272,6 +274,16 @@ class _Own:
         """These, and the others for some markers."""
         pairs = ((vars(self)[name], vars(others)[name]) for name in vars(self))
         return _Own(*(np.where(other if a.ndim == 1 else other[:, None], b, a) for a, b in pairs))
+
+
+def _contradicted(own: _Own, measured: list[_Own]) -> Mask:
+    """Which spots lie elsewhere than by another way of measuring them: their border isn't clear. Shape (M,)."""
+    out = np.zeros(len(own.areas), dtype=bool)
+    for other in measured:
+        radii = np.sqrt(np.minimum(own.areas, other.areas) / np.pi)
+        apart = np.linalg.norm(own.centers - other.centers, axis=1) > np.maximum(AGREE[0] * radii, AGREE[1])
+        out |= (other.solidity > 0) & apart
+    return out
 
 
 def _own(finder: SpotFinder, image: Image, points: Array, radii: Array, room: float) -> _Own:
