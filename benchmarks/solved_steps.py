@@ -16,11 +16,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from swim2real.advisor.physics.model import expected_slopes
 from swim2real.calibration import Problem, RunFolder
+from swim2real.objective import evidence
 from swim2real.objective.trial import TAIL_FIRST_LOSS
 from swim2real.optimizers import Candidate, Evaluation
 from swim2real.optimizers.contract import cube_point
-from swim2real.optimizers.local_model import LocalModel
+from swim2real.optimizers.local_model import LocalModel, Slopes
 from swim2real.parameters import ParameterSpace
 from swim2real.robots import load_robot
 from swim2real.trials import load_reference
@@ -55,8 +57,8 @@ def evaluate(problem: Problem, space: ParameterSpace, point: np.ndarray, note: M
     made = problem.evaluate(space.to_values(point))
     failed = made.divergence is not None
     return Evaluation(
-        Candidate(cube_point(point), note), made.loss, failed, None, made.residual_vector(),
-        () if failed else made.residual_stages(), made.first_beats,
+        Candidate(cube_point(point), note), made.loss, failed, evidence(made), None,
+        () if failed else made.residual_stages(), made.first_beats, made.residual_parts,
     )  # fmt: skip
 
 
@@ -72,7 +74,9 @@ def rounds(record: list[Evaluation]) -> list[tuple[int, int]]:
     return found
 
 
-def solved(problem: Problem, space: ParameterSpace, record: list[Evaluation]) -> list[Solved]:
+def solved(
+    problem: Problem, space: ParameterSpace, record: list[Evaluation], slopes: Slopes | None
+) -> list[Solved]:  # fmt: skip
     """The rounds of a record in which there is a local model, with its steps."""
     rows: list[Solved] = []
     for begin, end in rounds(record):
@@ -81,8 +85,8 @@ def solved(problem: Problem, space: ParameterSpace, record: list[Evaluation]) ->
         if begin < _FEWEST or before >= TAIL_FIRST_LOSS:
             continue
         try:
-            model = LocalModel(known)
-        except OptimizerError:  # all others turned around
+            model = LocalModel(known, slopes)
+        except OptimizerError:  # too few others go forward
             continue
         proposed = np.array(record[begin].candidate.note["proposal"]["point"])
         changed = np.abs(proposed - model.base.candidate.point) > 1e-9
@@ -115,8 +119,11 @@ def main(tracks: str, *runs: str) -> None:
         robot = load_robot(settings.robot)
         problem = Problem.with_settings(robot, reference, settings)
         space = replace(robot.space, scale=settings.resolved_scale)
-        record = [evaluate(problem, space, np.array(one.point), one.note) for one in folder.record()]
-        rows = solved(problem, space, record)
+        record = [
+            evaluate(problem, space, np.array(one.point), one.note.model_dump(exclude_unset=True))
+            for one in folder.record()
+        ]
+        rows = solved(problem, space, record, expected_slopes(robot, space))
         print(f"{run}\n  after  before  own next  own round  along all (expected)  along its own (expected)  [mm]")
         for row in rows:
             known = f"{row.number:7d} {1e3 * row.before:7.1f} {1e3 * row.own:9.1f} {1e3 * row.lowest:10.1f}"

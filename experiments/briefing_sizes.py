@@ -15,6 +15,7 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 from PIL import Image
 
 from swim2real import pipeline
@@ -50,11 +51,15 @@ class Situations:
         return self._advisor.propose(situation)
 
 
-def situations_of(entries):
+def situations_of(entries, problem, space):
+    """What the advisor was told at each turn, with the residuals that the local model needs."""
     advisor = Situations(recorded_advice(entries))
     search = BacktrackingLineSearch(advisor, entries[0]["point"])
     for entry in entries:
-        search.tell(Evaluation(search.ask(), entry["loss"], entry["failed"], entry["evidence"]))
+        made, failed = problem.evaluate(space.to_values(np.array(entry["point"]))), entry["failed"]
+        stages = () if failed else made.residual_stages()
+        more = {"stages": stages, "margins": made.first_beats, "parts": made.residual_parts}
+        search.tell(Evaluation(search.ask(), entry["loss"], failed, entry["evidence"], **more))
     return advisor.seen
 
 
@@ -70,7 +75,8 @@ def main():
     robot = load_robot(RunFolder(a.run).settings().robot)
     space = replace(robot.space, scale=settings.resolved_scale)
     problem = Problem.with_settings(robot, load_reference(a.reference), settings)
-    situations = situations_of([entry.model_dump(exclude_unset=True) for entry in RunFolder(a.run).record()])
+    entries = [entry.model_dump(exclude_unset=True) for entry in RunFolder(a.run).record()]
+    situations = situations_of(entries, problem, space)
     builder = TrialPromptBuilder(
         robot, space, problem.evaluate, {}, BriefingSettings(a.show, "images", a.detail), False, 1000,
         problem.speeds_from_rest, settings.budget,

@@ -59,7 +59,7 @@ def tables(text: str) -> list[list[list[str]]]:
     cells = [[[cell.strip() for cell in row.strip()[1:-1].split("|")] for row in one.splitlines()] for one in found]
     for one in cells:
         assert {len(row) for row in one} == {len(one[0])}
-        assert set(one.pop(1)) == {"---"}
+        assert set(one.pop(1)) == {"-"}
     return cells
 
 
@@ -73,7 +73,7 @@ def test_tables_of_swims_have_their_speeds_and_amplitudes():
     text = swims([(REAL, WIDER)])
     trial = row(text, "swim0", "trial")
     expected = {
-        "Hz": "1.00", "real mm/s": "100.0", "sim mm/s": "150.0", "speed ratio": "1.50", "P4 ratio": "1.20",
+        "Hz": "1.00", "real mm/s": "100.0", "speed ratio": "1.50", "P4 ratio": "1.20",
     }  # fmt: skip
     assert trial.items() >= expected.items()
     assert row(text, "P4", "marker", "error mm").items() >= {"real mm": "100.0", "sim mm": "120.0"}.items()
@@ -82,7 +82,7 @@ def test_tables_of_swims_have_their_speeds_and_amplitudes():
     ahead = [int(row(text, f"P{i}", "marker", "error mm")["phase deg"]) for i in (2, 3, 4)]
     assert [phase - ahead[0] for phase in ahead] == [0, 10, 20]
     spring = row(text, "spring", "parameter")
-    assert list(spring.values()) == ["spring", "N·m/rad", "0.1", "5", "Stiffness of the only joint."]
+    assert list(spring.values()) == ["spring", "N·m/rad", "0.1", "5", "0.5", "Stiffness of the only joint."]
     assert "grip 0.905 (0.50), spring 2.55 (0.50)" in text
 
 
@@ -96,7 +96,6 @@ def test_a_marker_that_is_hardly_seen_is_known_by_the_other_trials_alone(seen):
     trial = row(text, "swim0", "trial")
     assert (trial["P4 ratio"], trial["speed ratio"]) == ("n/a", "1.50")
     assert row(text, "P4", "marker", "error mm")["ratio"] == row(text, "swim1", "trial")["P4 ratio"] == "1.20"
-    assert row(text, "P4", "marker", "swim0", "swim1")["swim0"] == "n/a"
 
 
 @pytest.mark.parametrize("protocol", ["aligned", "paper"])
@@ -104,7 +103,7 @@ def test_errors_are_the_protocols_own(protocol):
     evaluation = evaluate(MIDDLE, [(REAL, WIDER)], protocol)
     text = told(start(evaluation))
     loss = f"{1e3 * evaluation.loss:.1f}"
-    assert f"**The loss is {1e3 * evaluation.loss:.2f} mm**" in text
+    assert f"**The loss is {1e3 * evaluation.loss:.1f} mm**" in text
     assert row(text, "swim0", "trial")["error mm"] == loss
     key = {"aligned": "aligned_marker_errors", "paper": "marker_errors"}[protocol]
     expected = [f"{1e3 * error:.1f}" for error in evaluation.detail["trials"]["swim0"][key]]
@@ -124,7 +123,7 @@ def test_tables_of_recordings_have_what_there_is():
     assert list(row(recordings(BESIDE), "base", "marker", "1.00 to 1.50 s").values())[1:] == ["+30, -40"] * 8
     assert "mm/s" not in text
     travels = row(recordings(TRAVELS, CART), "a", "trial", "s", "error mm", "progress mm", "shape mm", "heading deg")
-    assert [travels[name] for name in ("real mm/s", "sim mm/s", "speed ratio")] == ["100.0", "150.0", "1.50"]
+    assert [travels[name] for name in ("real mm/s", "speed ratio")] == ["100.0", "1.50"]
 
 
 def test_a_robot_without_markers_is_told_by_its_sensors_alone():
@@ -156,12 +155,10 @@ def waves(real=(), simulated=(), frequencies=(0.5, 1.0, 2.0), protocol="aligned"
 
 
 SAID = [  # who says what, and with an exclamation mark what not
-    (lambda: swims([(REAL, WIDER)]), ["swim0 (1.00 Hz)", "A swimming chain", "!At a bound", "!off the trend"]),
+    (lambda: swims([(REAL, WIDER)]), ["swim0 (1.00 Hz)", "A swimming chain", "!At a bound"]),
     (lambda: waves(simulated=(0.1, 0.1, 0.15)), ["rises too little"]),
     (lambda: waves(simulated=(0.025, 0.1, 0.4)), ["to the power 2.00", "to the power 1.00", "rises too steeply"]),
-    (lambda: waves(simulated=(0.05, 0.1, 0.17, 0.2), frequencies=(0.5, 1.0, 1.5, 2.0)),
-     ["swim2 (1.50 Hz) is off the trend", "+0.13", "!swim1 (1.00 Hz) is off"]),
-    (lambda: swims([(REAL, WIDER)], from_rest={"swim0": (0.05, 0.004)}), ["| 150.0 | 1.50 | 4.0 | 1.20 |"]),
+    (lambda: swims([(REAL, WIDER)], from_rest={"swim0": (0.05, 0.004)}), ["| 100.0 | 1.50 | 4.0 | 1.20 |"]),
     (lambda: told(start(evaluate([0.0, 1.0], [(REAL, WIDER)]))), ["At a bound: grip (lower), spring (upper)"]),
     (lambda: swims([(replace(REAL, lost=(2, 3)), WIDER)]), ["swim0 (1.00 Hz) has lost 40 %"]),
     (lambda: waves((0.1,) * 3, (0.11, 0.1, 0.3), (1.5, 0.5, 1.0)), ["The worst trial is swim2 (1.00 Hz)"]),
@@ -199,12 +196,11 @@ def test_a_round_is_told_with_its_steps_and_what_was_kept():
     notes = {"clipped": {"grip": 12.0}, "ignored": ["speed"], "hope": 0.5}
     proposal = Proposal(np.array([1.0, 0.5 + 1e-4]), "Too  slow,\nI think.", "", notes)
     text = told(after(step(0.1, (0.5, 0.5)), (proposal, [step(0.2, (1.0, 0.5)), step(0.08)])))
-    assert "**Round 1: accepted at step 0.5, loss 100.00 → 80.00 mm**" in text
-    assert "- Diagnosis: Too slow, I think." in text
+    assert "**Round 1: accepted at step 0.5, loss 100.0 → 80.0 mm**" in text
     before, kept = (EEL_SPACE.to_values([place, 0.5])["grip"] for place in (0.5, 0.75))
     assert f"- Proposed: grip {before:.3g} → 10." in text  # the other changed by too little to see
-    did = r"speed 1\.50, progress \d+\.\d\d, shape \d+\.\d\d, amplitude 1\.20"
-    assert re.search(rf"- Step 1: 200\.00 mm, {did}\n- Step 0\.5: 80\.00 mm, {did}, kept\n", text)
+    did = r"speed 150, progress \d+\.\d, shape \d+\.\d, amplitude 120"
+    assert re.search(rf"- Step 1: 200\.0 mm, {did}\n- Step 0\.5: 80\.0 mm, {did}, kept\n", text)
     assert "- grip (12 was given): out of bounds, so moved to the bound." in text
     assert "- speed: no parameters of this simulator, so ignored." in text
     assert "hope" not in text
@@ -219,45 +215,36 @@ def test_what_a_round_was_never_changes_so_that_services_keep_it():
     assert long[:4] == short
 
 
-def test_what_no_change_moved_is_told():
-    first = evaluate(MIDDLE, [(REAL, WIDER), (Wave(1.5), Wave(1.5, 0.15))])
-    tried = [(Proposal(np.array([0.9, 0.5])), [replace(first, loss=first.loss + 0.01)])] * 5
-    assert "explains them: " not in told(after(first, *tried[:4]))
-    text = told(after(first, *tried))
-    assert "In none of 6 evaluations were these more than a tenth lower than here" in text
-    assert re.search(r"explains them: progress (\d+\.\d) mm \(lowest \1\)", text)
-    better = evaluate([0.9, 0.5], [(REAL, replace(WIDER, speed=0.1)), (Wave(1.5), Wave(1.5, 0.1))])
-    moved = told(after(first, *tried, (Proposal(np.array([0.9, 0.5])), [replace(better, loss=first.loss + 0.01)])))
-    assert "explains them: " not in moved
-
-
 def test_a_step_tells_the_speed_of_each_trial_its_parts_and_the_head():
     real = [Wave(f, yaw=0.1) for f in (0.5, 1.0, 1.5)]
     pairs = [(one, replace(one, speed=s, yaw=0.2)) for one, s in zip(real, (0.05, 0.1, 0.12), strict=True)]
     steps = [evaluate([0.9, 0.5], pairs, "motion", loss=0.05)]
     text = told(after(evaluate(MIDDLE, pairs, "motion", loss=0.1), (Proposal(np.array([0.9, 0.5])), steps)))
-    assert "of amplitudes of P4, of the head's yaw and sway" in text
-    row = r"speed (\S+) (\S+) (\S+), progress \S+, shape (\S+), recoil (\S+), amplitude \S+, yaw (\S+), sway"
-    *speeds, shape, recoil, yaw = map(float, re.search(f"Step 1: 50.00 mm, {row}", text).groups())
-    assert speeds == [pytest.approx(ratio, rel=0.03) for ratio in (0.5, 1.0, 1.2)]
+    assert "the amplitudes of P4, of the head's yaw and sway, with phases in deg" in text
+    row = (
+        r"speed (\S+) (\S+) (\S+), trials \S+ \S+ \S+, progress \S+, shape (\S+), recoil (\S+), amplitude \S+, "
+        r"yaw (\S+) \(\+?-?\d+\), sway"
+    )
+    *speeds, shape, recoil, yaw = map(float, re.search(f"Step 1: 50.0 mm, {row}", text).groups())
+    assert speeds == [pytest.approx(ratio, rel=0.03) for ratio in (50, 100, 120)]
     assert shape < 1 < recoil
-    assert yaw == pytest.approx(2.0, rel=0.03)
+    assert yaw == pytest.approx(200, rel=0.03)
 
 
 def test_steps_of_recordings_tell_markers_sensors_and_amplitude():
     first = evaluated(compared(CALM_AND_WILD))
     exact = evaluated(compared({name: (real, real) for name, (real, _) in CALM_AND_WILD.items()}))
     text = told(after(first, (Proposal(np.full(3, 0.6)), [replace(exact, loss=0.001)])), ARM, ARM.space)
-    assert ", markers 0.00 mm, force 0 N, trials 0.00 0.00, amplitude 1.00" in text
+    assert ", markers 0.0 mm, force 0 N, trials 0.0 0.0, amplitude 100" in text
     cart = evaluated(compared({"a": TRAVELS["a"]}, CART), CART)
     text = told(after(cart, (Proposal(np.full(3, 0.6)), [cart])), CART, CART.space)
-    assert re.search(r", speed 1\.50, progress \d+\.\d\d, shape 0\.00, amplitude 1\.00", text)
+    assert re.search(r", speed 150, progress \d+\.\d, shape 0\.0, amplitude 100", text)
 
 
-def test_rejected_rounds_say_not_to_do_it_again():
-    assert "**Round 1: rejected, from 100.00 mm**" in told(after(step(0.1), BAD))
+def test_rejected_rounds_are_counted():
+    assert "**Round 1: rejected, from 100.0 mm**" in told(after(step(0.1), BAD))
     assert "The last 2 rounds were rejected" in told(after(step(0.1), BAD, GOOD, BAD, BAD))
-    assert "rejected: what was" not in told(after(step(0.1), BAD, GOOD))
+    assert "rejected.\n" not in told(after(step(0.1), BAD, GOOD))
     broken = Proposal(np.array([0.9, 0.9])), [step(0.3), evaluate([0.7, 0.7], [(REAL, "nothing is finite")])]
     assert "- Step 0.5: the simulation diverged (trial 'swim0': nothing is finite)" in told(after(step(0.1), broken))
 
@@ -291,9 +278,11 @@ def test_a_measurement_is_told_by_trial():
     text = told(replace(start(first), measurements=(probe,)))
     values = [EEL_SPACE.to_values(point)["grip"] for point in (FIRST, [0.3, 0.8])]
     change = f"grip {values[0]:.3g} → {values[1]:.3g}"
-    ((*speeds, yaw),) = re.findall(rf"- Measured {change}: 120\.00 mm, speed (\S+) (\S+), .*yaw (\S+), sway", text)
-    assert [float(speed) for speed in speeds] == [pytest.approx(1.1, abs=0.006)] * 2
-    assert float(yaw) == pytest.approx(1.2, abs=0.01)
+    ((*speeds, yaw),) = re.findall(
+        rf"- Measured {change}: 120\.0 mm, speed (\S+) (\S+), .*yaw (\S+) \(\S+\), sway", text
+    )
+    assert [float(speed) for speed in speeds] == [pytest.approx(110, abs=1)] * 2
+    assert float(yaw) == pytest.approx(120, abs=1)
     assert "- Measured" not in told(start(first))
 
 
@@ -305,7 +294,7 @@ def test_a_measurement_keeps_its_place_in_finished_rounds():
     (done,) = search.rounds
     situation = replace(after(first), incumbent=done.steps[-1].evaluation, rounds=search.rounds)
     text = told(situation)
-    assert re.search(r"\*\*Round 1: accepted at step 1, .*\*\*\n- Measured grip \S+ → \S+: 80\.00 mm, .*, kept\n", text)
+    assert re.search(r"\*\*Round 1: accepted at step 1, .*\*\*\n- Measured grip \S+ → \S+: 80\.0 mm, .*, kept\n", text)
     assert re.search(r"- Proposed: spring \S+ → \S+, grip ", text)
 
 
@@ -352,9 +341,9 @@ def test_without_numbers_the_text_doesnt_depend_on_anything_measured(rounds, see
 def test_it_is_short_even_after_many_rounds(trials):
     known = RoundFacts(situation(World(tuple(np.linspace(0.5, 2.0, 8))[:trials]), 12), FISH, SPACE, {})
     instructions, rounds, current = describe(known)
-    assert len(instructions) < 10_000
+    assert len(instructions) < 8_000
     assert len("".join(rounds)) < 13_000
-    assert len(current) < 6_000
+    assert len(current) < 4_000
 
 
 @given(st.floats(1e-6, 1e6))
@@ -421,11 +410,11 @@ def test_a_robot_that_swims_is_no_fish_unless_it_says_so(takes_video, film, burn
     pairs = [(Wave(f), Wave(f, 0.15)) for f in (0.8, 1.6)]
     videos = {"swim0": (film, None), "swim1": (film, None)}
     request = asked(eel(), EEL_SPACE, compared_waves(pairs), evaluate([0.5, 0.5], pairs), videos, takes_video)
-    assert len(request.media) == 3
+    assert len(request.media) == 2
     text = "\n".join([everything(request), *burned_in])
     assert "0.80 Hz" in text
     assert not re.search(FISH_WORDS, text, re.IGNORECASE)
-    assert "at which frequencies" in request.instructions
+    assert "how they depend on frequency" in request.instructions
 
 
 def test_pictures_come_with_a_new_point_and_of_a_full_step_that_was_rejected():
@@ -439,7 +428,7 @@ def test_pictures_come_with_a_new_point_and_of_a_full_step_that_was_rejected():
     accepted = after(evaluation, (proposal, [far, near]), (proposal, [better]))
     shown = [[media.label.split(" (")[0] for media in asking.question(one).media] for one in
              (start(evaluation), rejected, rejected, measured, accepted)]  # fmt: skip
-    assert len(shown[0]) == 3  # the worst ones, at low detail
+    assert len(shown[0]) == 1  # the worst one
     resumed = builder(eel(), EEL_SPACE, compared_waves(pairs)).question(accepted)
     assert [media.label.split(" (")[0] for media in resumed.media] == shown[4]  # as before the run was left
     assert shown[1] == shown[2]  # asked once more
@@ -457,7 +446,7 @@ def test_recordings_know_neither_fish_nor_swims(robot, takes_video, film, burned
     videos = {"a": (film, None), "b": (film, None)}
     request = asked(robot, robot.space, comparison, evaluated(comparison, robot), videos, takes_video)
     kind = "video/mp4" if takes_video else "image/png"
-    assert [one.media_type for one in request.media] == [kind] * 3
+    assert [one.media_type for one in request.media] == [kind] * 2
     assert request.media[-1].label.startswith("The real robot in trial ")
     text = "\n".join([everything(request), *burned_in])
     assert "distance of the markers, simulated to real" in text

@@ -13,7 +13,8 @@ from worlds import SPACE, World, hidden_point, situation
 
 from pools import LOGARITHMIC, hidden_values
 from swim2real.advisor import PhysicsAdvisor
-from swim2real.advisor.physics.advisor import caution, trust_radius
+from swim2real.advisor.choice import make_advisor
+from swim2real.advisor.physics.advisor import caution, solved_radius, trust_radius
 from swim2real.advisor.physics.model import (
     MOST_EXCESS,
     Aim,
@@ -31,7 +32,7 @@ from swim2real.objective.motion import beat
 from swim2real.optimizers import Candidate, Evaluation, Proposal, Round, Situation, Step
 from swim2real.optimizers.advisor import DECIMALS
 from swim2real.pipeline import calibrate
-from swim2real.robots.fish import FISH
+from swim2real.robots.fish import FISH, FISH_ROLLING
 from swim2real.robots.fish.response import fish_response
 from swim2real.settings import CalibrationSettings
 from swim2real.simulation import Simulator, Swim
@@ -115,7 +116,8 @@ SEARCH = """
 import json, numpy as np
 from worlds import SPACE, World, search
 from swim2real.advisor import PhysicsAdvisor
-from swim2real.robots.fish import FISH
+from swim2real.advisor.choice import make_advisor
+from swim2real.robots.fish import FISH, FISH_ROLLING
 seen, _ = search(World(), PhysicsAdvisor(FISH, SPACE, 0), np.full(16, 0.5), 4)
 print(json.dumps([list(one.candidate.point) for one in seen]))
 """
@@ -263,6 +265,35 @@ def test_once_seven_swims_go_forward_it_steps_by_what_they_show():
     assert seen(proposal.point).loss < 0.7 * best.loss
     few = Situation(first, (), first, tuple(others[:4]))
     assert "radius" not in advisor().propose(few).notes
+    vain = Round(proposal, best, (Step(1.0, seen(best.candidate.point + 0.01)),), accepted=False)
+    assert "radius" in advisor().propose(replace(shown, rounds=(vain,) * 2)).notes
+    assert "radius" not in advisor().propose(replace(shown, rounds=(vain,) * 3)).notes  # the response has its turn
+
+
+def test_a_radius_follows_what_came_true():
+    def made(loss: float, **notes) -> Round:
+        proposal = Proposal(MIDDLE, notes={"radius": 0.15, "expected_loss": 0.08, **notes})
+        return Round(
+            proposal, Evaluation(Candidate(MIDDLE), 0.1), (Step(1.0, Evaluation(Candidate(MIDDLE), loss)),), True
+        )
+
+    begin = solved_radius(())
+    assert solved_radius((made(0.08),)) > begin == solved_radius((made(0.09),)) > solved_radius((made(0.11),))
+    assert solved_radius((made(0.11, tried="drag"),)) == solved_radius((FULL,)) == begin
+
+
+def test_what_the_response_ignores_is_as_in_the_model_until_the_fish_goes_forward_and_then_stays():
+    space = replace(FISH_ROLLING.space, scale="log")
+    rules = make_advisor("physics", FISH_ROLLING, space, 0)
+    assert isinstance(rules, PhysicsAdvisor)
+    rng, ours = np.random.default_rng(0), len(SPACE)
+    point = rng.random(len(space))
+    detail = World(sign=-1).evidence(MIDDLE)
+    backward = Evaluation(Candidate(point), 0.7, False, detail)
+    proposal = rules.propose(at(backward))
+    np.testing.assert_allclose(proposal.point[ours:], space.to_cube(space.published)[ours:], atol=1e-5)
+    forward = rules.propose(at(replace(backward, loss=0.05, detail=World().evidence(MIDDLE))))
+    np.testing.assert_allclose(forward.point[ours:], point[ours:], atol=1e-5)
 
 
 def test_trust_and_caution_follow_what_was_gained():

@@ -125,7 +125,7 @@ def test_a_round_that_is_on_record_is_not_paid_for_twice(ask, vlm, tmp_path):
 
 def test_a_list_is_measured_parameter_by_parameter_then_asked_again(ask, vlm, tmp_path):
     """From the best point of its time, resumed anywhere, and once paid for."""
-    vlm.script(replies(json.dumps({"diagnosis": "unsure", "measure": ["arm", "drag"]})), replies(good()))
+    vlm.script(replies(json.dumps({"diagnosis": "unsure", "measure": ["arm", "drag"], "keep": True})), replies(good()))
 
     def search(advisor):
         """The candidates; what is measured first is better than the first point."""
@@ -149,6 +149,19 @@ def test_a_list_is_measured_parameter_by_parameter_then_asked_again(ask, vlm, tm
 
 
 SAME = {name: float(f"{value:.4g}") for name, value in SPACE.to_values([0.5, 0.5]).items()}
+
+
+def test_measures_stay_at_the_current_point_and_say_their_way(ask, vlm, tmp_path):
+    """Both from the first point, though what is measured first is better; the proposal begins there as well."""
+    vlm.script(replies(json.dumps({"measure": ["arm +0.2", "drag -0.05"]})), replies(good()))
+    transcript = Transcript(tmp_path)
+    advisor = ReplayAdvisor(transcript, SPACE, then=ask(transcript=transcript))
+    optimizer, seen = BacktrackingLineSearch(advisor, np.array([0.5, 0.6])), []
+    for loss in (0.05, 0.04, 0.06, 0.045):
+        seen.append(optimizer.ask())
+        optimizer.tell(Evaluation(seen[-1], loss))
+    np.testing.assert_allclose([one.point for one in seen[:3]], [[0.5, 0.6], [0.5, 0.8], [0.45, 0.6]])
+    assert optimizer.rounds[0].incumbent.loss == 0.05
 
 
 @pytest.mark.parametrize(("provider", "text", "problem"), [

@@ -100,8 +100,10 @@ def test_the_schema_asks_for_every_parameter_in_order_and_says_bounds_only_when_
         "parameters",
         "probe",
         "measure",
+        "keep",
         "predict",
         "solve",
+        "weigh",
         "effects",
     ]
     assert schema["properties"]["parameters"]["required"] == list(FISH.space.names)
@@ -130,7 +132,7 @@ def test_step_sizes_and_alternatives_are_read_and_asked_for_where_they_are_tried
 def test_a_list_to_measure_names_parameters(names, said):
     with pytest.raises(ReplyError, match=said):
         parse_reply(json.dumps({"measure": names}), SPACE, NOW)
-    assert parse_reply('{"measure": ["arm", "arm"]}', SPACE, NOW).measure == ("arm",)
+    assert parse_reply('{"measure": ["arm", "arm"]}', SPACE, NOW).measure == {"arm": None}
 
 
 names = st.sampled_from(["drag", "arm", "parameters", "x"]) | st.text()

@@ -34,8 +34,8 @@ def test_a_linear_residual_is_predicted_and_solved_exactly():
     evaluations = around([0.5, 0.5, 0.5, 0.5], 8, np.random.default_rng(0))
     model = LocalModel(evaluations)
     expected = model.predict(LOWEST)
-    assert expected.known > 0.99
-    assert np.allclose(model.known, 1.0, atol=0.01)
+    assert expected.known > 0.97
+    assert np.allclose(model.known, 1.0, atol=0.05)
     solved = model.solve(0.5)
     assert evaluate(solved).loss <= evaluate(LOWEST).loss
     assert model.predict(solved).loss < model.base.loss
@@ -45,7 +45,7 @@ def test_what_nobody_tried_is_unknown_and_left_alone():
     rng = np.random.default_rng(0)
     evaluations = [evaluate([*(0.5 + 0.05 * rng.standard_normal(3)), 0.5]) for _ in range(8)]
     model = LocalModel(evaluations)
-    assert model.known[3] == pytest.approx(0.0, abs=1e-6)
+    assert model.known[3] == pytest.approx(0.0, abs=1e-3)
     assert model.solve(0.3)[3] == pytest.approx(0.5, abs=1e-6)
     here = model.base.candidate.point
     tried = model.predict(here + np.array([0, 0, 0, 0.2]))
@@ -84,6 +84,32 @@ def test_the_uncertainty_covers_what_bends():
     assert np.mean(within) > 0.7
 
 
+def test_a_step_goes_half_the_way_at_most_toward_what_turned_around():
+    evaluations = around([0.2, 0.5, 0.5, 0.5], 10, np.random.default_rng(0))
+    base = LocalModel(evaluations).base
+    free = LocalModel(evaluations).solve(0.3) - base.candidate.point
+    beyond = evaluate(base.candidate.point + 0.5 * free)
+    turned = Evaluation(beyond.candidate, beyond.loss + 0.5, stages=beyond.stages, margins=beyond.margins)
+    model = LocalModel([*evaluations, turned])
+    step, toward = model.solve(0.3) - base.candidate.point, 0.5 * free
+    assert step @ toward <= 0.5 * toward @ toward + 1e-6
+    assert not model.safe(turned.candidate.point)
+    assert model.safe(base.candidate.point)
+
+
+def test_a_lucky_point_counts_as_rough():
+    """All around it is worse by the same: what is expected next to it is nearer to what the others have."""
+    rng = np.random.default_rng(0)
+    flat = [evaluate(point) for point in 0.5 + 0.01 * rng.standard_normal((12, 4))]
+    lucky = min(flat, key=lambda one: one.loss)
+    residual, weights = lucky.stages[0]
+    stage = (0.5 * residual, weights)
+    lucky = Evaluation(lucky.candidate, 0.5 * lucky.loss, stages=(stage,) * 4, margins=lucky.margins)
+    others = [one for one in flat if one.candidate is not lucky.candidate]
+    expected = LocalModel([*others, lucky]).predict(lucky.candidate.point + 0.002)
+    assert expected.loss > 1.3 * lucky.loss
+
+
 def test_failed_and_turned_evaluations_are_left_out():
     evaluations = around([0.2, 0.5, 0.5, 0.5], 8, np.random.default_rng(0), turning=0.4)
     failed = Evaluation(Candidate(cube_point([0.9, 0.9, 0.9, 0.9])), 1.0, failed=True)
@@ -94,6 +120,44 @@ def test_failed_and_turned_evaluations_are_left_out():
     assert with_both.predict(point).loss == without.predict(point).loss
 
 
-def test_a_model_needs_two_evaluations():
-    with pytest.raises(OptimizerError, match="two evaluations"):
-        LocalModel([evaluate(LOWEST)])
+def test_a_model_needs_four_evaluations():
+    with pytest.raises(OptimizerError, match=r"needs 4 evaluations .* has 3"):
+        LocalModel(around(LOWEST, 3, np.random.default_rng(0)))
+
+
+def test_slopes_that_physics_expects_tell_parameters_that_matter_from_others():
+    """Five evaluations of four parameters, two of which hardly matter: knowing which makes predictions better."""
+    lasting = np.array([1.0, 1.0, 0.05, 0.05])[:, None] * SLOPES
+
+    def made(point):
+        residual = 0.001 + (np.asarray(point) - LOWEST) @ lasting
+        length = float(np.linalg.norm(residual))
+        return Evaluation(
+            Candidate(cube_point(point)), length, stages=((residual, np.full_like(residual, length**-0.5)),) * 4
+        )
+
+    misses = np.zeros(2)
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        tried = [made(0.5 + 0.1 * rng.standard_normal(4)) for _ in range(5)]
+        point = 0.5 + 0.1 * rng.standard_normal(4)
+        models = LocalModel(tried), LocalModel(tried, lambda at: lasting[:, :3])
+        misses += [abs(model.predict(point).loss - made(point).loss) for model in models]
+    assert misses[1] < 0.8 * misses[0]
+
+
+def test_what_is_weighed_more_comes_out_lower():
+    def made(point):
+        residual = np.concatenate([np.full(10, point[0] - 0.7), np.full(10, point[0] - 0.3)]) * 0.01 + 1e-3
+        stage = (residual, np.ones(20))
+        parts = (("slow", "shape", 10), ("fast", "shape", 10))
+        return Evaluation(
+            Candidate(cube_point(point)), float(np.abs(residual).mean()), stages=(stage,) * 4, parts=parts
+        )
+
+    tried = [made(np.array([x, 0.5])) for x in (0.45, 0.5, 0.52, 0.56, 0.6)]
+    slow, fast = (LocalModel(tried, weigh={name: 10.0}).solve(0.3)[0] for name in ("slow", "fast"))
+    assert slow > 0.55
+    assert fast < 0.45
+    sizes = LocalModel(tried).sizes(np.array([0.55, 0.5]))
+    assert sizes.shape == (2,)

@@ -29,11 +29,21 @@ def let_go(values, seconds=3.0):
     return model.opt.timestep * np.arange(1, len(roll) + 1), roll
 
 
+def test_its_response_is_the_fishs_at_the_same_values():
+    ours, theirs = (replace(robot.space, scale="log") for robot in (FISH_ROLLING, FISH))
+    point, driven = np.linspace(0.1, 0.9, len(ours)), np.array([0.5, 1.0])
+    values = ours.to_values(point)
+    same = theirs.to_cube({name: values[name] for name in theirs.names})
+    own, plain = FISH_ROLLING.swims.response, FISH.swims.response
+    np.testing.assert_allclose(own.speeds(point[None], driven), plain.speeds(same[None], driven))
+    np.testing.assert_allclose(own.beats(point[None], driven, True), plain.beats(same[None], driven, True))
+    assert own.lengths.shape == (len(ours),)
+
+
 def test_it_is_the_fish_with_roll():
     narrower = {"fluid_slender_drag": {"upper": 0.2, "published": 0.01}, "fluid_magnus_lift": {"upper": 0.3}}
     taken_over = [replace(one, **narrower.get(one.name, {})) for one in FISH.space.parameters]
     assert list(FISH_ROLLING.space.parameters[:16]) == taken_over
-    assert FISH_ROLLING.swims.response is None  # which was measured without roll
     model = FISH_ROLLING.build(PUBLISHED).compile()
     turning = [model.joint(i).name for i in range(model.njnt) if model.joint(i).name.startswith("hinge")]
     assert turning == ["hinge_z", "hinge_y", "hinge_x"]

@@ -12,6 +12,7 @@ from swim2real.advisor.physics import PhysicsAdvisor, SensitivityAdvisor
 from swim2real.advisor.vlm.advisor import REPAIRS, AdvisorEvent, ReplayAdvisor, VlmAdvisor
 from swim2real.advisor.vlm.client import ModelClient
 from swim2real.advisor.vlm.files import FilesClient
+from swim2real.advisor.vlm.instruments import Instruments
 from swim2real.advisor.vlm.reply import reply_schema
 from swim2real.advisor.vlm.transcript import Transcript, totals
 from swim2real.objective import Comparison
@@ -93,7 +94,9 @@ def make_advisor(
         context.from_rest, context.budget, context.several,
     )  # fmt: skip
     repairs = None if name == FILES else REPAIRS  # a person may try as often as they like
-    asking = VlmAdvisor(client, prompts.question, space, transcript, access, context.on_event, repairs)
+    asking = VlmAdvisor(
+        client, prompts.question, space, transcript, access, context.on_event, repairs, Instruments(robot, space)
+    )
     return ReplayAdvisor(transcript, space, then=asking)
 
 

@@ -172,7 +172,8 @@ def minimize(
         stages = () if residual is None or comparison is None or entry.failed else comparison.residual_stages()
         figures = entry.evidence.model_dump(exclude_unset=True)
         margins = np.zeros(0) if comparison is None or not stages else comparison.first_beats
-        optimizer.tell(Evaluation(candidate, entry.loss, entry.failed, figures, residual, stages, margins))
+        parts = () if comparison is None or not stages else comparison.residual_parts
+        optimizer.tell(Evaluation(candidate, entry.loss, entry.failed, figures, residual, stages, margins, parts))
         pace = (time.monotonic() - started) / (fresh or index + 1)
         left = [one for one in (optimizer.left or None, None if budget is None else budget - index - 1)
                 if one is not None]  # fmt: skip

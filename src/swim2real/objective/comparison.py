@@ -101,6 +101,12 @@ class Comparison:
         return tuple(stages)
 
     @property
+    def residual_parts(self) -> tuple[tuple[str, str, int], ...]:
+        """Trial, part and number of entries of what follows one another in the stage before the last two."""
+        parts = [(trial.name, part, count) for trial in self.trials for part, count in trial.residual_parts()]
+        return (*parts, *([("", "unfilmed", 2 * len(self.unfilmed))] if self.unfilmed else []))
+
+    @property
     def first_beats(self) -> Array:
         """Simulated speed over the first two beats from rest of each trial that has one [m/s]. Shape (F,)."""
         ways = [trial.progress.first_beats for trial in self.trials if trial.progress is not None]

@@ -266,6 +266,14 @@ class ComparedTrial:
         weights = np.concatenate([np.ones_like(body), np.full_like(along, easing)])
         return (body, np.ones_like(body)), (np.concatenate([body, along]), weights), *ends
 
+    def residual_parts(self) -> list[tuple[str, int]]:
+        """Part and number of entries of what follows one another in the stage before the last two, or in the first."""
+        sensors = [(sensor.name, len(sensor.times)) for sensor in self.sensors]
+        if self.progress is None or self.loss_figure == "marker_error":
+            return [("markers", 2 * self.weights.size), *sensors]
+        recoil = [] if self.head is None else [("recoil", 2 * self.weights.size)]
+        return [("shape", 2 * self.weights.size), *recoil, *sensors, ("progress", len(self.times))]
+
     def _root_weights(self, whole: Array) -> Array:
         """Weights of the residual vector with which its squares add up to mean distances."""
         markers = 2 * self.weights.size

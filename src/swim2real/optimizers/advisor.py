@@ -12,6 +12,7 @@ from swim2real.optimizers.contract import Array, Candidate, Evaluation, cube_poi
 from swimbase.errors import AdvisorError
 
 MEASUREMENT = "measurement"
+STAYS = "stays"  # note of a measurement after which the search stays where it is, however good it was
 MEASURED = 0.1  # of a parameter's range, by which it is changed where it is measured alone
 DECIMALS = 6  # of what a built-in advisor proposes: a processor's last digits must not decide where a search goes
 

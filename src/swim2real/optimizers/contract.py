@@ -73,6 +73,8 @@ class Evaluation:
             mean over trials of the weighted mean squared distance. Shape (n,), the same n for all of a run.
         stages: The residual in the stages in which it can be lowered, each with the weights of its entries as they are
             here; empty where the evaluation failed or nobody asked. Shapes (n_k,) twice.
+        parts: Trial, part and number of entries of what follows one another in the stage before the last two; empty
+            where nobody knows.
         margins: What turns a trial around where it falls below 0, such as the speed of its first beats [m/s]; empty
             where nothing is known of it. Shape (F,).
     """
@@ -84,6 +86,7 @@ class Evaluation:
     residual: Array | None = None
     stages: tuple[tuple[Array, Array], ...] = ()
     margins: Array = field(default_factory=lambda: np.zeros(0))
+    parts: tuple[tuple[str, str, int], ...] = ()
 
     def __post_init__(self) -> None:
         if not np.isfinite(self.loss):

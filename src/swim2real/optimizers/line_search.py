@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from swim2real.optimizers.advisor import (
+    STAYS,
     Advice,
     Advisor,
     Measurement,
@@ -156,7 +157,7 @@ class BacktrackingLineSearch(Optimizer):
             return
         incumbent = self._descent.incumbent
         better = not evaluation.failed and (incumbent.failed or evaluation.loss < incumbent.loss)
-        if better:
+        if better and not evaluation.candidate.note.get(STAYS):
             self._descent.incumbent = evaluation
         if self._proposal is None:
             self._measurements.append(evaluation)

@@ -165,9 +165,9 @@ def least_squares(start: Start) -> optimizers.Optimizer:
 
 
 def multi_start(start: Start) -> optimizers.Optimizer:
-    """The method multi-start; where the robot's response is known, the physics advisor finds its first start."""
+    """The method multi-start; where the robot's response is known, unless it is slow, an advisor finds the first."""
     robot = start.robot
-    if not (start.led and robot.trials.steady and robot.swims.response is not None):
+    if not (start.led and robot.trials.steady and robot.swims.response is not None and not robot.swims.slow_mode):
         return _spread_starts(start, start.first, start.rng, led=False)
     advised = replace(start, advisor=PhysicsAdvisor(robot, start.space, start.settings.seed, solves=False))
     return optimizers.Sequel(line_search(advised), _LED, lambda best: _spread_starts(start, best, start.rng, led=True))

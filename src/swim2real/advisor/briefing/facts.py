@@ -28,9 +28,7 @@ LEAST_SEEN = 0.3  # of the frames: a marker that is seen in fewer of them says n
 _LEAST_YAW, _LEAST_SWAY = 0.01, 1e-3  # rad and m, below which a swing of the head has no ratio
 _SLOW = 1e-3  # m/s, below which a speed has no ratio
 _LEAST_SPAN = 0.05  # of the logarithm of frequency, for an exponent
-_LEAST_TREND, _OFF_TREND = 3, 0.05  # other trials that make a trend, and a difference of speed ratios that leaves it
 _AT_BOUND = 0.01  # of a parameter's range
-_ENOUGH, _TENTH, _WORTH = 5, 0.1, 0.2  # evaluations; and shares: of an error, and of the largest that is reported
 _NEED_NO_SIMULATION = ("frequency", "left_out_share", "protocol", "horizon")
 _ERRORS = {"paper": "marker_errors", "motion": "motion_marker_errors"}  # of markers, by protocol
 
@@ -148,7 +146,7 @@ class TrialFacts:
 
 
 @dataclass(frozen=True)
-class _EvaluationFacts:
+class EvaluationFacts:
     """All trials of an evaluation, and what differs over them. Medians and means are over trials.
 
     Attributes:
@@ -160,7 +158,7 @@ class _EvaluationFacts:
     trials: tuple[TrialFacts, ...]
 
     @classmethod
-    def of(cls, evaluation: Evaluation, robot: Robot) -> _EvaluationFacts:
+    def of(cls, evaluation: Evaluation, robot: Robot) -> EvaluationFacts:
         """Collects the facts of an evaluation of a robot's simulator."""
         figures = FitFigures.model_validate(evaluation.detail or {})
         trials = [_trial(name, found, figures.protocol, robot) for name, found in figures.trials.items()]
@@ -211,22 +209,6 @@ class _EvaluationFacts:
         return [trial for trial in self.trials if (trial.speed_ratio or 0.0) < 0]
 
     @property
-    def off_trend(self) -> list[tuple[TrialFacts, float]]:
-        """Trials whose speed ratio leaves the line of the others over the logarithm of frequency, and by how much."""
-        known = [(t, math.log(t.frequency), t.speed_ratio) for t in self.trials if t.frequency and t.speed_ratio]
-        found: list[tuple[TrialFacts, float]] = []
-        for i, (trial, place, ratio) in enumerate(known):
-            others = np.array([one[1:] for k, one in enumerate(known) if k != i])
-            if len(others) < _LEAST_TREND or np.ptp(others[:, 0]) < _LEAST_SPAN:
-                return []
-            line = np.polyfit(others[:, 0], others[:, 1], 1)
-            scatter = float(np.abs(others[:, 1] - np.polyval(line, others[:, 0])).max())
-            apart = ratio - float(np.polyval(line, place))
-            if abs(apart) > max(3 * scatter, _OFF_TREND):
-                found.append((trial, apart))
-        return found
-
-    @property
     def has_head(self) -> bool:
         """True if the motion of the head is compared."""
         return any("yaw_real" in trial.figures.model_fields_set for trial in self.trials)
@@ -271,7 +253,7 @@ class RoundFacts:
     budget: int | None = None
 
     @cached_property
-    def here(self) -> _EvaluationFacts:
+    def here(self) -> EvaluationFacts:
         """The best evaluation so far."""
         return self.of(self.situation.incumbent)
 
@@ -323,12 +305,12 @@ class RoundFacts:
         return forward, [trial for trial, speed in speeds if speed is not None and speed <= 0]
 
     @cached_property
-    def _known(self) -> dict[int, _EvaluationFacts]:
+    def _known(self) -> dict[int, EvaluationFacts]:
         return {}
 
-    def of(self, evaluation: Evaluation) -> _EvaluationFacts:
+    def of(self, evaluation: Evaluation) -> EvaluationFacts:
         """Facts of one of the run's evaluations, collected once."""
-        known = self._known.get(id(evaluation)) or _EvaluationFacts.of(evaluation, self.robot)
+        known = self._known.get(id(evaluation)) or EvaluationFacts.of(evaluation, self.robot)
         return self._known.setdefault(id(evaluation), known)
 
     @property
@@ -344,28 +326,6 @@ class RoundFacts:
             (name, "lower" if place < _AT_BOUND else "upper" if place > 1 - _AT_BOUND else "") for name, place in places
         )
         return [f"{name} ({bound})" for name, bound in found if bound]
-
-    @property
-    def unmoved(self) -> list[str]:
-        """Figures that no other evaluation had a tenth lower than the best one, with the lowest value [mm]."""
-        others = [one for one in self.situation.evaluations if not one.failed and one is not self.situation.incumbent]
-        if len(others) < _ENOUGH:
-            return []
-        here, rest = _errors(self.here), [_errors(self.of(one)) for one in others]
-        lowest = {name: min((one.get(name, math.inf) for one in rest), default=math.inf) for name in here}
-        return [
-            f"{name} {1e3 * error:.1f} mm (lowest {1e3 * lowest[name]:.1f})"
-            for name, error in here.items()
-            if error >= _WORTH * max(here.values()) and (1 - _TENTH) * error < lowest[name] < math.inf
-        ]
-
-
-def _errors(known: _EvaluationFacts) -> dict[str, float]:
-    """Errors by part, trial and marker [m]."""
-    parts = {part: known.mean_of(f"{part}_error") for part in ("progress", "shape", "recoil")}
-    parts |= {f"trial {trial.name}": trial.error for trial in known.trials}
-    parts |= {f"marker {marker.name}": marker.error for marker in known.markers}
-    return {name: error for name, error in parts.items() if error is not None}
 
 
 def mean(values: Iterable[Known]) -> Known:

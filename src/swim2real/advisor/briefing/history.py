@@ -7,15 +7,17 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from swim2real.advisor.briefing.facts import Ratio, RoundFacts
-from swim2real.advisor.briefing.texts import mm, number, reading, shortened, significant
+from swim2real.advisor.briefing.facts import Ratio, RoundFacts, median
+from swim2real.advisor.briefing.texts import degrees, mm, number, reading, shortened, significant
 from swim2real.objective import TAIL_FIRST_LOSS
 from swim2real.objective.figures import FitFigures
 from swim2real.optimizers import Evaluation, Proposal, Round
+from swim2real.optimizers.advisor import STAYS
 from swim2real.parameters import ParameterSpace
 
 _DIGITS = 3  # of a value: what they show alike is no change
-_LONGEST_LIST, _LONGEST_DIAGNOSIS = 300, 160  # characters
+_LONGEST_LIST = 300  # characters
+_UNFILMED = 5e-5  # m of a loss, below which swims that no trial shows aren't named
 _MOST_CHANGES = 8  # of a proposal that are listed
 # notes of a proposal that its author should hear of
 _CORRECTED = {
@@ -35,14 +37,14 @@ def rounds_told(facts: RoundFacts, numbers: bool) -> list[str]:
     """
     best, blocks = facts.situation.first, list[str]()
     for nth, finished in enumerate(facts.situation.rounds, start=1):
-        start = f", from {mm(finished.incumbent.loss, 2)} mm" if numbers and not finished.incumbent.failed else ""
+        start = f", from {mm(finished.incumbent.loss)} mm" if numbers and not finished.incumbent.failed else ""
         result = f"rejected{start}"
         if finished.accepted:
             kept = finished.steps[-1]
             result = f"accepted at step {significant(kept.step_size, _DIGITS)}"
             if numbers:
-                before = "failed" if finished.incumbent.failed else mm(finished.incumbent.loss, 2)
-                result += f", loss {before} → {mm(kept.evaluation.loss, 2)} mm"
+                before = "failed" if finished.incumbent.failed else mm(finished.incumbent.loss)
+                result += f", loss {before} → {mm(kept.evaluation.loss)} mm"
         lines = [f"**Round {nth}: {result}**", *measured(finished.measurements, best, facts, numbers)]
         lines += _proposed(finished, facts, numbers)
         blocks.append("\n".join([lines[0], *(f"- {line}" for line in lines[1:])]))
@@ -54,11 +56,12 @@ def _proposed(finished: Round, facts: RoundFacts, numbers: bool) -> list[str]:
     """A round's proposal and its steps, a line each."""
     space, proposal, before = facts.space, finished.proposal, finished.incumbent
     lines = [f"Proposed: {changes(before, proposal.point, space, _MOST_CHANGES)}"]
-    if numbers and proposal.diagnosis.split():
-        lines.insert(0, f"Diagnosis: {shortened(proposal.diagnosis, _LONGEST_DIAGNOSIS)}")
     for one in finished.steps:
         kept = finished.accepted and one is finished.steps[-1]
-        lines.append(f"Step {significant(one.step_size, _DIGITS)}: {_result(one.evaluation, kept, facts, numbers)}")
+        told = f"{mm(one.evaluation.loss)} mm" if numbers else "not kept"
+        if one is finished.steps[0] or kept or one.evaluation.failed:  # of the shorter ones the loss says enough
+            told = _result(one.evaluation, kept, facts, numbers)
+        lines.append(f"Step {significant(one.step_size, _DIGITS)}: {told}")
     return [*lines, *corrections(proposal)]
 
 
@@ -66,7 +69,7 @@ def measured(measurements: Sequence[Evaluation], best: Evaluation, facts: RoundF
     """Measurements before a proposal, a line each, against the best point of their time."""
     lines: list[str] = []
     for one in measurements:
-        kept = not one.failed and (best.failed or one.loss < best.loss)
+        kept = not one.failed and (best.failed or one.loss < best.loss) and not one.candidate.note.get(STAYS)
         what = changes(best, one.candidate.point, facts.space, len(facts.space))
         lines.append(f"Measured {what.rstrip('.')}: {_result(one, kept, facts, numbers)}")
         best = one if kept else best
@@ -86,9 +89,13 @@ def loss(evaluation: Evaluation, facts: RoundFacts) -> str:
         first = next((f"trial '{name}': {trial.divergence}" for name, trial in trials if trial.divergence), None)
         return f"the simulation diverged ({first or 'no reason on record'})"
     alone = facts.of(evaluation).mean_of("loss")
-    turned = alone is not None and evaluation.loss - alone > TAIL_FIRST_LOSS / 2
-    without = f" [{mm(alone, 2)} without the {mm(TAIL_FIRST_LOSS, 0)}]" if turned else ""
-    return f"{mm(evaluation.loss, 2)} mm{without}"
+    rest = 0.0 if alone is None else evaluation.loss - alone
+    said = ""
+    if alone is not None and rest > TAIL_FIRST_LOSS / 2:
+        said = f" [{mm(alone)} without the {mm(TAIL_FIRST_LOSS, 0)}]"
+    elif rest > _UNFILMED and facts.beats and facts.robot.swims.head_first:
+        said = f" [{mm(rest)} of it by swims from rest that no trial shows]"
+    return f"{mm(evaluation.loss)} mm{said}"
 
 
 def effects(evaluation: Evaluation, facts: RoundFacts) -> str:
@@ -97,19 +104,28 @@ def effects(evaluation: Evaluation, facts: RoundFacts) -> str:
         return ""
     known = facts.of(evaluation)
     markers = known.mean_of("aligned_marker_error") if known.sensors else None
-    parts = [] if markers is None else [f"markers {mm(markers, 2)} mm"]
+    parts = [] if markers is None else [f"markers {mm(markers)} mm"]
     parts += [
         f"{one.sensor.name} {reading(one.error)} {one.sensor.unit}" for one in known.sensors if one.error is not None
     ]
     if known.ratio("speed_ratio") is not None:
-        parts.append("speed " + " ".join(number(trial.speed_ratio, 2) for trial in known.trials))
-    elif len(known.trials) > 1:
-        parts.append("trials " + " ".join(mm(trial.error, 2) for trial in known.trials))
+        parts.append("speed " + " ".join(_percent(trial.speed_ratio) for trial in known.trials))
+    if evaluation.loss >= TAIL_FIRST_LOSS:  # how a fish swims that turned around says little
+        return "".join(f", {part}" for part in parts)
+    if len(known.trials) > 1:
+        parts.append("trials " + " ".join(mm(trial.error, 0 if known.has_head else 1) for trial in known.trials))
     errors = ((part, known.mean_of(f"{part}_error")) for part in _PARTS)
-    parts += [f"{part} {mm(error, 2)}" for part, error in errors if error is not None]
-    ratios = ((name, known.ratio(kind)) for name, kind in _RATIOS.items())
-    parts += [f"{name} {number(ratio, 2)}" for name, ratio in ratios if ratio is not None]
+    parts += [f"{part} {mm(error)}" for part, error in errors if error is not None]
+    for name, kind in _RATIOS.items():
+        ratio = known.ratio(kind)
+        lag = median(getattr(trial.figures, f"{name}_lag", None) for trial in known.trials)
+        phase = "" if lag is None else f" ({degrees(lag, 0, signed=True)})"
+        parts += [] if ratio is None else [f"{name} {_percent(ratio)}{phase}"]
     return "".join(f", {part}" for part in parts)
+
+
+def _percent(ratio: float | None) -> str:
+    return number(ratio, 0, 100)
 
 
 def told_of_steps(facts: RoundFacts) -> str:
@@ -119,14 +135,14 @@ def told_of_steps(facts: RoundFacts) -> str:
         parts.append(f"{'what the markers have of it, ' if facts.here.markers else ''}the mean error of each sensor")
     order = "by rising frequency" if facts.beats else "in the order of their table"
     if facts.robot.trials.score_progress:
-        parts.append(f"the ratio of speeds of each trial, {order}, negative where it goes the other way")
-    elif len(facts.here.trials) > 1:
+        parts.append(f"the speed of each trial in % of the real one, {order}, negative where it goes the other way")
+    if len(facts.here.trials) > 1:
         parts.append(f"the error of each trial in mm, {order}")
     known = facts.here.figures.model_fields_set
     parts += [f"the error in {part} in mm" for part in _PARTS if f"{part}_error" in known]
     last = f" of {facts.robot.marker_names[-1]}" if facts.beats else ""
-    head = ", of the head's yaw and sway" if facts.here.has_head else ""
-    ratios = f", and the ratio of amplitudes{last}{head}; ratios are simulated / real" if facts.here.markers else ""
+    head = ", of the head's yaw and sway, with phases in deg" if facts.here.has_head else ""
+    ratios = f", and in % of the real ones the amplitudes{last}{head}" if facts.here.markers else ""
     return f"{', '.join(parts)}{ratios}"
 
 

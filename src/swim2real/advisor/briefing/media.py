@@ -52,8 +52,8 @@ class Detail:
 
 _LEAST = Detail("least", 10.0, 320, 4, 1, 1, 8_000)
 DETAILS: dict[DetailName, Detail] = {
-    "low": Detail("low", 10.0, 480, 4, 3, 1, 40_000),
-    "medium": Detail("medium", 12.0, 640, 8, None, 2, 120_000),
+    "low": Detail("low", 10.0, 480, 4, 1, 1, 40_000),
+    "medium": Detail("medium", 12.0, 640, 8, 1, 1, 120_000),
     "high": Detail("high", 24.0, 960, 12, None, None, 300_000),
 }
 

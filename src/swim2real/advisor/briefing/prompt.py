@@ -13,18 +13,21 @@ from jinja2 import Environment, FunctionLoader, StrictUndefined
 
 from swim2real.advisor.briefing import history, tables, texts
 from swim2real.advisor.briefing.facts import RoundFacts
-from swim2real.advisor.briefing.history import effects, loss, rounds_told
+from swim2real.advisor.briefing.history import loss, rounds_told
 from swim2real.advisor.briefing.media import DETAILS, Detail, Films, gather_media, overlay, shorter
+from swim2real.advisor.physics.model import expected_slopes
 from swim2real.advisor.vlm.exchange import Media, Request
-from swim2real.advisor.vlm.instruments import MOST_ASKED
+from swim2real.advisor.vlm.instruments import MOST_ASKED, effects_table
 from swim2real.advisor.vlm.reply import reply_schema
 from swim2real.objective import TAIL_FIRST_LOSS, Comparison
 from swim2real.optimizers import Evaluation, Situation
+from swim2real.optimizers.advisor import STAYS
+from swim2real.optimizers.local_model import LocalModel
 from swim2real.parameters import ParameterSpace, Values
 from swim2real.rendering.album import Album, TrialPictures
 from swim2real.robots.robot import Robot
 from swim2real.settings import BriefingSettings, Show
-from swimbase.errors import ArgumentError
+from swimbase.errors import ArgumentError, OptimizerError
 from swimbase.escaping import plain_markdown
 
 FromRest: TypeAlias = Mapping[str, tuple[float | None, float | None]]
@@ -63,7 +66,7 @@ class TrialPromptBuilder:
         self._robot, self._space, self._simulate, self._videos = robot, space, simulate, dict(videos)
         self._settings, self._takes_video, self._reply_tokens = settings, takes_video, reply_tokens
         self._from_rest, self._schema, self._budget = from_rest, reply_schema(space, several=several), budget
-        self._several = several
+        self._several, self._slopes = several, expected_slopes(robot, space)
 
     def question(self, situation: Situation, level: int = 0) -> Request:
         """Request for a proposal in a situation.
@@ -76,7 +79,7 @@ class TrialPromptBuilder:
         detail = shorter(detail) if level else detail
         values = self._space.to_values(situation.incumbent.candidate.point)
         known = RoundFacts(situation, self._robot, self._space, self._from_rest(values), self._budget)
-        instructions, told, current = describe(known, self._show, self._several)
+        instructions, told, current = describe(known, self._show, self._several, self._effects(situation, known))
         if self._show == "numbers":
             return Request(instructions, (*told, current), self._schema, self._reply_tokens, len(told))
         media, remarks = self._media(situation, detail)
@@ -86,8 +89,20 @@ class TrialPromptBuilder:
         parts = (*told, current, intro, *media)
         return Request(instructions, parts, self._schema, self._reply_tokens, len(told))
 
+    def _effects(self, situation: Situation, known: RoundFacts) -> str:
+        """What parameters do: at the current point, as far as the run has shown it, or else in the middle."""
+        try:
+            model = LocalModel(situation.evaluations, self._slopes, base=situation.incumbent)
+        except OptimizerError:
+            model = None
+        if model is not None and model.forward:
+            return f"Of a tenth of the range more, by what this run has shown:\n\n{effects_table(model, self._space)}"
+        middle = tables.effects_in_the_middle(known)
+        intro = "Of a tenth of the range more, in the middle of the bounds; near a good fit they may be ten times off:"
+        return middle and f"{intro}\n\n{middle}"
+
     def _media(self, situation: Situation, detail: Detail) -> tuple[Sequence[Media], Sequence[str]]:
-        """Media of a request: all trials of the first point, of a later one the worst, and a rejected full step."""
+        """Media of a request: the worst trials of a new point, or of a rejected full step what it changed most."""
         before = None if self._show == "pictures" else shown_before(situation)  # pictures alone: there is nothing else
         if before is not situation.incumbent:
             most, films = (detail.trials, self._videos) if before is None else (detail.again, {})
@@ -115,7 +130,8 @@ def shown_before(situation: Situation) -> Evaluation | None:
     while measured and not measured[-1].candidate.note.get("probe"):
         measured.pop()
     start = situation.rounds[-1].result if situation.rounds else situation.first
-    return min((start, *measured), key=lambda one: (one.failed, one.loss))
+    moved = [one for one in measured if not one.candidate.note.get(STAYS)]
+    return min((start, *moved), key=lambda one: (one.failed, one.loss))
 
 
 def rejected_step(situation: Situation) -> Evaluation | None:
@@ -127,7 +143,9 @@ def rejected_step(situation: Situation) -> Evaluation | None:
     return None if step.failed else step
 
 
-def describe(facts: RoundFacts, show: Show = "both", several: bool = False) -> tuple[str, list[str], str]:
+def describe(
+    facts: RoundFacts, show: Show = "both", several: bool = False, effects: str = ""
+) -> tuple[str, list[str], str]:  # fmt: skip
     """All facts of a round as Markdown in plain English, for a VLM or a person.
 
     Args:
@@ -135,6 +153,7 @@ def describe(facts: RoundFacts, show: Show = "both", several: bool = False) -> t
         show: What it comes with. With pictures alone, nothing measured or compared is reported; what stays: the robot,
             its parameters, and which proposals were accepted.
         several: Whether step sizes and alternatives are asked for.
+        effects: What parameters do, as far as that is known.
 
     Returns:
         What stays the same in a run; a block per finished round, to which later rounds only add; the current point.
@@ -142,9 +161,9 @@ def describe(facts: RoundFacts, show: Show = "both", several: bool = False) -> t
     numbers = show != "pictures"
     instructions = _written("instructions.md.j2", facts=facts, numbers=numbers, show=show, several=several)
     first = facts.situation.first
-    begun = f"\n\nThe first point of the run: {loss(first, facts)}{effects(first, facts)}." if numbers else ""
+    begun = f"\n\nThe first point of the run: {loss(first, facts)}{history.effects(first, facts)}." if numbers else ""
     told = [f"## What was tried{begun}", *rounds_told(facts, numbers)] if facts.situation.rounds else []
-    current = _written("briefing.md.j2", facts=facts, numbers=numbers)
+    current = _written("briefing.md.j2", facts=facts, numbers=numbers, effects=effects)
     return plain_markdown(instructions), [plain_markdown(block) for block in told], plain_markdown(current)
 
 

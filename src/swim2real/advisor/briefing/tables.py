@@ -6,6 +6,7 @@ Columns and tables of what no trial has are left out.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Sequence
 from itertools import pairwise
 from typing import Any, NamedTuple
@@ -16,13 +17,16 @@ from swim2real.objective.figures import FIGURES
 
 _LARGE = 20e-3  # m: from here on differences are reported in whole millimeters
 _GRID = 8  # trials that tables by marker and trial have
+_EVERYWHERE = "Measured for a tenth of the range more:"  # what follows holds in the middle of the bounds
+_LITTLE = "less than 2 %"
+_WHICH = re.compile(r"tail joint \d \([^)]*\)|joint \d+")  # what alone tells parameters of a kind apart
 _IN_TIME = 3  # trials whose differences are reported window by window
 _SAID = {  # of figures with a column of their own, as who judges a fit by them needs it
     "progress_error": "how far the simulated robot is ahead or behind on average.",
     "shape_error": "what differs in the frame of the head, without the way that it has come.",
     "recoil_error": "what the yaw and the sway of the head add.",
     "heading_error": "how far it turns away.",
-    "left_out_share": "share of the real marker positions that couldn't be used; distrust rows with much of it.",
+    "left_out_share": "share of the real marker positions that couldn't be used; weigh rows with much of it less.",
 }
 
 
@@ -40,9 +44,23 @@ def columns_table(columns: Sequence[Column], things: Sequence[TrialFacts | Marke
 
 
 def meaning_table(facts: RoundFacts) -> str:
-    """The parameters with their bounds and meanings."""
-    rows = [[one.name, one.unit, *map(significant, (one.lower, one.upper)), one.meaning] for one in facts.space]
-    return table(("parameter", "unit", "lower", "upper", "meaning"), rows)
+    """The parameters with their bounds, the model's own values and meanings, each said once."""
+    rows, said = list[list[str]](), dict[str, str]()
+    for one in facts.space:
+        meaning = one.meaning.partition(_EVERYWHERE)[0].strip()
+        alike = _WHICH.sub("", meaning)
+        if alike in said:
+            which = _WHICH.search(meaning)
+            meaning = f"As {said[alike]}{f', of {which[0]}' if which else ''}."
+        said.setdefault(alike, one.name)
+        rows.append([one.name, one.unit, *map(significant, (one.lower, one.upper, one.published)), meaning])
+    return table(("parameter", "unit", "lower", "upper", "own", "meaning"), rows)
+
+
+def effects_in_the_middle(facts: RoundFacts) -> str:
+    """Effects that parameters have in the middle of their bounds, where somebody has measured them: a line for each."""
+    found = ((one.name, one.meaning.partition(_EVERYWHERE)[2]) for one in facts.space)
+    return "\n".join(f"- {name}:{text}" for name, text in found if text and _LITTLE not in text)
 
 
 def values_told(facts: RoundFacts) -> str:
@@ -88,13 +106,12 @@ def trial_columns(facts: RoundFacts) -> list[Column]:
     if any(trial.velocity_real is not None for trial in trials):
         columns += [
             Column("real mm/s", lambda t: mm(t.velocity_real), "Speeds are forward, negative is backward."),
-            Column("sim mm/s", lambda t: mm(t.figures.velocity_simulated)),
             Column("speed ratio", lambda t: number(t.speed_ratio, 2)),
         ]
     if facts.from_rest:
         said = (
-            "`first beats`: forward speed over the first two beats from rest. Near 0, or below, the trial is about to "
-            "turn last marker first; it changes smoothly, where the speed jumps."
+            "`first beats`: forward speed over the first two beats from rest; near 0, or below, the trial is about to "
+            "turn last marker first."
         )
         columns.append(Column("first beats mm/s", lambda t: mm(facts.from_rest.get(t.name, (None, None))[1]), said))
     if here.markers:
@@ -102,7 +119,7 @@ def trial_columns(facts: RoundFacts) -> list[Column]:
         if beats:
             name, said = f"{last} ratio", "of amplitudes of the last marker."
         columns.append(Column(name, lambda t: number(t.amplitude_ratio, 2), f"`{name}`: {said}"))
-    if here.markers:
+    if windows and here.markers:
         columns.append(Column("worst marker", _worst_marker))
     if windows and here.markers:
         said = "`most off at`: when the markers' mean places are farthest off."
@@ -117,8 +134,7 @@ def _worst_marker(trial: TrialFacts) -> str:
 
 def head_columns() -> list[Column]:
     """Columns of the table of the head's motion, with a row per trial."""
-    yaw = "`yaw`, `sway`: how far the head turns and goes to the side about its path, at the frequency of the beat."
-    turn = "`turn`: the slow turn of the real course, which isn't compared."
+    yaw = "`yaw`, `sway`: how far the head turns and goes to the side about its path."
     return [
         Column("trial", lambda t: t.name),
         Column("yaw real deg", lambda t: degrees(t.figures.yaw_real), yaw),
@@ -127,7 +143,6 @@ def head_columns() -> list[Column]:
         Column("sway real mm", lambda t: mm(t.figures.sway_real)),
         Column("sim mm", lambda t: mm(t.figures.sway_simulated)),
         Column("phase deg", lambda t: degrees(t.figures.sway_lag, 0, signed=True)),
-        Column("turn deg/s", lambda t: degrees(t.figures.turn_rate_real), turn),
     ]
 
 
@@ -148,10 +163,7 @@ def marker_columns(facts: RoundFacts) -> list[Column]:
         Column("ratio", _ratio),
     ]
     if any(marker.ahead is not None for marker in facts.here.markers):
-        said = (
-            "`phase`: simulated minus real; +10 means that the simulated marker is 10 deg of a beat ahead of the real "
-            "one, -10 that it comes later."
-        )
+        said = "`phase`: simulated minus real, above 0 where the simulated one is ahead."
         columns.append(Column("phase deg", lambda marker: number(marker.ahead, 0, signed=True), said))
     if any(marker.offset for marker in facts.here.markers):
         said = f"`offset`: by how much its mean place differs, simulated minus real: {facts.axes.directions}."
@@ -162,7 +174,7 @@ def marker_columns(facts: RoundFacts) -> list[Column]:
 def marker_grid(facts: RoundFacts) -> tuple[str, str] | None:
     """Title and table of errors by marker and trial; of many trials the worst."""
     here, shown = facts.here, _worst_trials(facts.here.trials, _GRID)
-    if len(shown) < 2 or not here.markers:
+    if len(shown) < 2 or not here.markers or facts.beats:
         return None
     title, cell = "Error by marker and trial, in mm", "error"
     # under the paper's protocol, without phase and registration, the shape's part says little

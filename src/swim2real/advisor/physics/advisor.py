@@ -19,6 +19,7 @@ from swim2real.advisor.physics.model import (
     Surrogate,
     Swims,
     direction,
+    expected_slopes,
     read_swims,
     reason,
     shape_floor,
@@ -28,7 +29,7 @@ from swim2real.advisor.physics.model import (
 from swim2real.objective.figures import FitFigures
 from swim2real.objective.trial import TAIL_FIRST_LOSS
 from swim2real.optimizers import Evaluation, Proposal, Round, Situation
-from swim2real.optimizers.advisor import DECIMALS
+from swim2real.optimizers.advisor import DECIMALS, MEASURED
 from swim2real.optimizers.local_model import LocalModel
 from swim2real.parameters import ParameterSpace
 from swim2real.robots.robot import Robot
@@ -41,9 +42,10 @@ _PROGRESS = 0.02  # by how much a round must lower the loss to count as progress
 _TRUST_START, _TRUST_LEAST, _TRUST_MOST = 0.5, 0.08, 0.7  # half width of the trusted box, in the unit cube
 _GROW, _SHRINK = 1.3, 0.7
 _SAMPLES, _STARTS = 3000, 4
-_ENOUGH = 7  # evaluations that go forward, after which the local model proposes
-_KNOWN, _TRIED = 0.9, 0.25  # share of an effect that counts as known; of the radius, by which an unknown one is tried
+_ENOUGH, _VAIN = 7, 3  # evaluations that go forward, after which the local model proposes; rounds in which it failed
 _RADIUS, _LEAST_RADIUS, _MOST_RADIUS, _WIDER, _NARROWER = 0.15, 0.03, 0.4, 1.5, 0.7  # of the local model's steps
+_CAME_TRUE, _MISSED = 0.75, 0.25  # of the gain that was expected of a step
+_HOPE = 1.0  # standard deviations by which a change may turn out better than expected
 _DIFFERENCE = 1e-4
 _GRAIN = 9  # decimals of an expected loss [m], for the same reason as those of a proposal
 
@@ -69,14 +71,14 @@ class PhysicsAdvisor:
                 f"needs; choose another one"
             )
         self._response, self._space, self._seed = robot.swims.response, space, seed
-        self._own = replace(space, scale="log")
+        self._own, self._slopes = replace(space, scale="log"), expected_slopes(robot, space)
         self.needs_residual = solves
 
     def propose(self, situation: Situation) -> Proposal:
         """The point within its trust that it expects to be best."""
         usable = [e for e in situation.evaluations if not e.failed]
         rng = np.random.default_rng([self._seed, len(situation.rounds)])
-        trust = trust_radius(situation.rounds)
+        trust = trust_radius([one for one in situation.rounds if "radius" not in one.proposal.notes])
         here = self._point(situation.incumbent)
         if situation.incumbent.failed or not usable:
             point = 0.5 + 0.5 * trust * rng.uniform(-1, 1, len(here))
@@ -87,24 +89,31 @@ class PhysicsAdvisor:
             return solved
         expectation = self._expectation(usable, situation.incumbent, situation.rounds)
         point = self._best_point(expectation, here, trust, rng)
+        if self._slopes is not None:  # what the response knows nothing of: as in the model until the robot goes forward
+            backward = situation.incumbent.loss >= TAIL_FIRST_LOSS
+            known = self._slopes(situation.incumbent).any(axis=1)
+            point = np.where(known, point, self._own.to_cube(self._own.published) if backward else here)
         before, after = expectation.losses(np.array([here, point]))
         notes = {"trust": round(trust, 4), "expected_loss": float(after), "expected_loss_here": float(before)}
         reasoning = reason(self._own, here, point, self._gains(expectation, here, point))
         return Proposal(self._back(point), _diagnosis(_figures(situation.incumbent)), reasoning, notes)
 
     def _solved(self, usable: Sequence[Evaluation], situation: Situation) -> Proposal | None:
-        """The step that the local model proposes, once the run has shown enough; None before.
+        """The step that the local model proposes, once the run has shown enough; None before, and after vain ones.
 
-        Where that promises little, it also changes the parameter of whose effect the least is known.
+        Where that promises little, it also changes the parameter that may matter most for all that is known.
         """
         if not self.needs_residual or sum(bool(one.stages) and one.loss < TAIL_FIRST_LOSS for one in usable) < _ENOUGH:
             return None
-        model, radius = LocalModel(usable), _solved_radius(situation.rounds)
+        lately = situation.rounds[-_VAIN:]
+        if len(lately) == _VAIN and all("radius" in one.proposal.notes and not one.accepted for one in lately):
+            return None
+        model, radius = LocalModel(usable, self._slopes), solved_radius(situation.rounds)
         here, names = model.base.candidate.point, self._space.names
         point = model.solve(radius)
         notes: dict[str, object] = {"radius": round(radius, 4)}
         if model.predict(point).loss > (1 - _PROGRESS / 2) * model.base.loss:
-            tried, least = _with_unknown(model, point, _TRIED * radius)
+            tried, least = _with_unknown(model, point)
             if least is not None:
                 point, notes["tried"] = tried, names[least]
         point = point.round(DECIMALS)
@@ -113,7 +122,8 @@ class PhysicsAdvisor:
         gains = np.array([model.predict(one).loss for one in alone]) - expected.loss
         notes |= {"expected_loss": expected.loss, "expected_std": expected.std, "known": float(expected.known)}
         diagnosis = _diagnosis(_figures(situation.incumbent))
-        return Proposal(point, diagnosis, reason(self._space, here, point, gains), notes)
+        # of a step that failed the model learns more than half of it would show
+        return Proposal(point, diagnosis, reason(self._space, here, point, gains), notes, step_sizes=(1.0,))
 
     def _point(self, evaluation: Evaluation) -> Array:
         return self._own.to_cube(self._space.to_values(evaluation.candidate.point))
@@ -193,25 +203,33 @@ def trust_radius(rounds: Sequence[Round]) -> float:
     return trust
 
 
-def _with_unknown(model: LocalModel, point: Array, size: float) -> tuple[Array, int | None]:
-    """The point with a change of the parameter of whose effect the least is known, and which, where that is safe."""
-    here, least = model.base.candidate.point, int(np.argmin(model.known))
-    side = np.sign(point[least] - here[least]) or np.sign(0.5 - here[least]) or 1.0
-    tried = point.copy()
-    tried[least] = np.clip(here[least] + side * size, 0.0, 1.0)
-    expected = model.predict(tried)
-    safe = bool(np.all(expected.margins > expected.margin_stds))
-    return (tried, least) if safe and model.known[least] < _KNOWN else (point, None)
+def _with_unknown(model: LocalModel, point: Array) -> tuple[Array, int | None]:
+    """The point with a change of the parameter whose effect is least sure, where that may help and turns nothing."""
+    here = model.base.candidate.point
+    for i in np.argsort(-model.unsure):
+        if model.unsure[i] < _PROGRESS * model.base.loss:
+            break
+        ahead = np.sign(point[i] - here[i]) or np.sign(0.5 - here[i]) or 1.0
+        for side in (ahead, -ahead):
+            tried = point.copy()
+            tried[i] = np.clip(here[i] + side * MEASURED, 0.0, 1.0)
+            expected = model.predict(tried)
+            helps = expected.loss - _HOPE * expected.std < model.base.loss
+            if helps and abs(tried[i] - here[i]) > MEASURED / 2 and model.safe(tried):
+                return tried, int(i)
+    return point, None
 
 
-def _solved_radius(rounds: Sequence[Round]) -> float:
-    """Radius of the local model's steps: it grows and shrinks with their successes."""
+def solved_radius(rounds: Sequence[Round]) -> float:
+    """Radius of the local model's steps: it grows where what was expected of the full step came true, or shrinks."""
     radius = _RADIUS
     for finished in rounds:
-        if "radius" in finished.proposal.notes and not finished.accepted:
-            radius *= _NARROWER
-        elif "radius" in finished.proposal.notes and finished.result.loss < (1 - _PROGRESS) * finished.incumbent.loss:
-            radius *= _WIDER
+        if "radius" not in finished.proposal.notes or "tried" in finished.proposal.notes:
+            continue
+        before, made = finished.incumbent.loss, finished.steps[0].evaluation.loss
+        promised = max(before - finished.proposal.notes["expected_loss"], _PROGRESS * before)
+        kept = (before - made) / promised
+        radius *= _WIDER if kept > _CAME_TRUE else _NARROWER if kept < _MISSED else 1.0
         radius = min(max(radius, _LEAST_RADIUS), _MOST_RADIUS)
     return radius
 

@@ -13,7 +13,7 @@ error.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -23,7 +23,10 @@ from scipy.optimize import least_squares
 from scipy.special import ndtr
 
 from swim2real.objective.figures import Beat, FitFigures
+from swim2real.optimizers import Evaluation
+from swim2real.optimizers.local_model import Slopes
 from swim2real.parameters import ParameterSpace
+from swim2real.robots.robot import Robot
 from swimbase.arrays import Array
 
 SHARP = 0.02  # m in a beat, within which backward turns into forward
@@ -38,6 +41,7 @@ _INSTANTS = 6  # at which the growing difference in progress is looked at
 _LEAST_SHAPE = 2e-3  # m
 _NAMED = 5  # parameters that are named in the reasoning
 _SMALL = 0.01  # of a parameter's range
+_SLOPE_OVER = 0.02  # of it, to either side
 
 
 def to_speed_scale(speed: Array | float) -> Array:
@@ -278,6 +282,29 @@ class Expectation:
         losses = self.aim.losses(mean.speed, mean.beat, self.caution * variance.speed, self.caution * variance.beat)
         backward = ndtr(-mean.direction / np.sqrt(variance.direction + DOUBT**2))
         return losses * np.exp(np.maximum(mean.excess, 0.0)) + BACKWARD_LOSS * backward.sum(axis=1)
+
+
+def expected_slopes(robot: Robot, space: ParameterSpace) -> Slopes | None:
+    """How steeply the speeds of the trials change with the parameters, by the robot's response.
+
+    Args:
+        robot: The robot; None is returned where nobody has measured its response.
+        space: Its parameters, on the run's scale.
+    """
+    if not robot.trials.steady or (response := robot.swims.response) is None:
+        return None
+    own = replace(space, scale="log")
+
+    def slopes(at: Evaluation) -> Array:
+        trials = FitFigures.model_validate(at.detail).trials.values()
+        driven = np.array([trial.frequency for trial in trials], dtype=float)
+        sides = _SLOPE_OVER * np.eye(len(space))
+        ends = [np.clip(at.candidate.point + side, 0.0, 1.0) for side in (-sides, sides)]
+        low, high = (response.speeds(np.array([own.to_cube(space.to_values(one)) for one in end]), driven)[0]
+                     for end in ends)  # fmt: skip
+        return (high - low) / np.diag(ends[1] - ends[0])[:, None]
+
+    return slopes
 
 
 def reason(space: ParameterSpace, here: Array, point: Array, gains: Array) -> str:

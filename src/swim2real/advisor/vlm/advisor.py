@@ -10,13 +10,15 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Literal
 
+import numpy as np
+
 from swim2real.advisor.vlm.exchange import Attempt, CallError, Client, Reply, Request
-from swim2real.advisor.vlm.instruments import MOST_ASKED, answers
+from swim2real.advisor.vlm.instruments import MOST_ASKED, Instruments
 from swim2real.advisor.vlm.providers import same_model
 from swim2real.advisor.vlm.reply import ReplyError, parse_reply
 from swim2real.advisor.vlm.transcript import Call, Incumbent, Outcome, Totals, Transcript, totals
 from swim2real.optimizers import Advice, Advisor, Evaluation, Measurement, Situation
-from swim2real.optimizers.advisor import reads_residuals
+from swim2real.optimizers.advisor import STAYS, reads_residuals
 from swim2real.parameters import ParameterSpace
 from swim2real.settings import VlmAccess
 from swimbase.errors import AdvisorError, ArgumentError
@@ -61,6 +63,7 @@ class VlmAdvisor:
         self, client: Client, question: Callable[[Situation, int], Request], space: ParameterSpace,
         transcript: Transcript, access: VlmAccess | None = None,
         on_event: Callable[[AdvisorEvent], None] = lambda event: None, repairs: int | None = REPAIRS,
+        instruments: Instruments | None = None,
     ) -> None:  # fmt: skip
         """Prepares the advisor.
 
@@ -73,12 +76,14 @@ class VlmAdvisor:
             access: What calls may take.
             on_event: Called as things happen.
             repairs: Most repairs of one reply; None for any number.
+            instruments: What answers a reply that asks instruments; None where there are none.
 
         Raises:
             ArgumentError: The cost is limited and the price isn't known.
         """
         self._client, self._write_question, self._space, self._transcript = client, question, space, transcript
         self._access, self._on_event, self._repairs = access or VlmAccess(), on_event, repairs
+        self._instruments = instruments
         if self._access.max_cost is not None and not client.price_known:
             raise ArgumentError(
                 f"max_cost is {self._access.max_cost:g} USD, but the price of {client.name} isn't known; "
@@ -122,13 +127,15 @@ class VlmAdvisor:
                 here = self._space.to_values(situation.incumbent.candidate.point)
                 parsed = parse_reply(reply.text, self._space, here)
                 if parsed.asks_instruments:
+                    if self._instruments is None:
+                        raise ReplyError("there are no instruments in this run; propose or measure")
                     if asked == MOST_ASKED:
                         raise ReplyError(
                             f"instruments were asked {MOST_ASKED} times in this turn, which is the most; propose or "
                             f"measure"
                         )
                     asked += 1
-                    said = answers(parsed, situation, self._space)
+                    said = self._instruments.answers(parsed, situation)
                     self._record(request, situation, "asked", None, reply)
                     request = _follow_up(question, reply.text, said, MOST_ASKED - asked)
                     continue
@@ -299,7 +306,8 @@ def _of_list(situation: Situation) -> list[Evaluation]:
 def _before_list(situation: Situation) -> Evaluation:
     """The best evaluation when the present turn began."""
     made = _of_list(situation)
-    known = [one for one in situation.evaluations if not one.failed and all(one is not other for other in made)]
+    apart = [*made, *(one for one in situation.evaluations if one.candidate.note.get(STAYS))]
+    known = [one for one in situation.evaluations if not one.failed and all(one is not other for other in apart)]
     return min(known, key=lambda one: one.loss, default=situation.incumbent) if made else situation.incumbent
 
 
@@ -320,10 +328,11 @@ def _advice_of(call: Call, transcript: Transcript, situation: Situation, space: 
         notes["remarks"] = list(call.reply.notes)
     if parsed.measure:
         made = len(_of_list(situation))
-        name = parsed.measure[made]
-        one = Measurement.of_one(here, space.names.index(name), name)
-        last = {_PROBE: True} if made + 1 == len(parsed.measure) else {}
-        return Measurement(one.point, {**one.notes, _LIST: call.number, **last, "notes": notes})
+        name, change = list(parsed.measure.items())[made]
+        one = Measurement.of_one(here, space.names.index(name), name, change)
+        how = {_LIST: call.number, **({_PROBE: True} if made + 1 == len(parsed.measure) else {})}
+        how |= {} if parsed.keep else {STAYS: True}
+        return Measurement(np.clip(one.point, 0.0, 1.0), {**one.notes, **how, "notes": notes})
     if parsed.probe:
         texts = {"diagnosis": parsed.diagnosis, "reasoning": parsed.reasoning}
         return Measurement(parsed.point(space, here), {_PROBE: True, **texts, "notes": notes})

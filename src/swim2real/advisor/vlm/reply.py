@@ -43,11 +43,14 @@ class _ParsedReply:
         missing: Parameters without a value, which keep theirs.
         clipped: Values out of bounds, as they were given.
         probe: Whether these values are only to be measured, without a line search.
-        measure: Parameters that are to be measured, each alone.
+        measure: Parameters that are to be measured, each alone, and the share of its range by which it is changed; None
+            for a tenth toward the middle.
+        keep: Whether a measured point that is better becomes the current one.
         step_sizes: Shares of the way at which it is to be tried, in order.
         alternatives: What to try where it is rejected, in order.
         predict: Whether these values are only to be predicted.
         solve: Parameters along which a step is to be solved.
+        weigh: Weights of trials and parts in such a step.
         radius: By how much each of them may change, as a share of its range; None for the model's own.
         effects: Whether the effects of all parameters are asked for.
     """
@@ -59,11 +62,13 @@ class _ParsedReply:
     missing: tuple[str, ...] = ()
     clipped: Mapping[str, float] = field(default_factory=dict[str, float])
     probe: bool = False
-    measure: tuple[str, ...] = ()
+    measure: Mapping[str, float | None] = field(default_factory=dict[str, "float | None"])
+    keep: bool = False
     step_sizes: tuple[float, ...] = ()
     alternatives: tuple[_ParsedReply, ...] = ()
     predict: bool = False
     solve: tuple[str, ...] = ()
+    weigh: Mapping[str, float] = field(default_factory=dict[str, float])
     radius: float | None = None
     effects: bool = False
 
@@ -107,6 +112,7 @@ _NUMBER: TypeAdapter[float] = TypeAdapter(Annotated[float, Strict()])
 
 
 StepSize = Annotated[float, Field(gt=0, le=1, strict=False)]
+Weight = Annotated[float, Field(ge=0, le=1000, strict=False, allow_inf_nan=False)]
 
 
 class _Try(BaseModel):
@@ -121,8 +127,10 @@ class _Answer(_Try):
     diagnosis: Text = ""
     probe: bool | None = False
     measure: list[str] | None = None
+    keep: bool | None = False
     predict: bool | None = False
     solve: list[str] | None = None
+    weigh: dict[str, Weight] | None = None
     radius: Annotated[float, Field(gt=0, le=1, strict=False)] | None = None
     effects: bool | None = False
     alternatives: Annotated[list[_Try], Field(max_length=_MOST_TRIES)] | None = None
@@ -149,13 +157,20 @@ def reply_schema(space: ParameterSpace, bounds: bool = False, several: bool = Fa
         "measure": {
             "type": "array",
             "items": {"type": "string"},
-            "description": "parameters to measure, each changed alone, before anything is proposed; mostly empty",
+            "description": "parameters to measure, each changed alone from the current point, as NAME or, by a share "
+            "of its range, NAME +0.05; mostly empty",
         },
+        "keep": {"type": "boolean", "description": "true: a measured point that is better becomes the current one"},
         "predict": {"type": "boolean", "description": "true: only predict these values, at no cost"},
         "solve": {
             "type": "array",
             "items": {"type": "string"},
             "description": "parameters along which a step is solved, at no cost; ['all'] for all; mostly empty",
+        },
+        "weigh": _object({})
+        | {
+            "additionalProperties": {"type": "number"},
+            "description": "weights of trials and parts in solve; mostly empty",
         },
         "effects": {"type": "boolean", "description": "true: show the effects that this run has shown, at no cost"},
     }
@@ -196,14 +211,43 @@ def parse_reply(text: str, space: ParameterSpace, current: Mapping[str, float]) 
         raise ReplyError(_listed([explained(detail) for detail in error.errors(include_url=False)])) from None
     texts = _cleaned(answer.diagnosis), _cleaned(answer.reasoning)
     predict, effects = bool(answer.predict), bool(answer.effects)
-    solve = _names(answer.solve or [], space, "solve")
+    solve, weigh = _names(answer.solve or [], space, "solve"), dict(answer.weigh or {})
     if not predict and (solve or effects):
-        return _ParsedReply(dict(current), *texts, solve=solve, radius=answer.radius, effects=effects)
+        return _ParsedReply(dict(current), *texts, solve=solve, weigh=weigh, radius=answer.radius, effects=effects)
     if not predict and answer.measure:
-        return _ParsedReply(dict(current), *texts, measure=_names(answer.measure, space, "measure"))
+        return _ParsedReply(dict(current), *texts, measure=_changes(answer.measure, space), keep=bool(answer.keep))
     others = tuple(_tried(one, ("", _cleaned(one.reasoning)), space, current) for one in answer.alternatives or ())
     proposed = replace(_tried(answer, texts, space, current), probe=bool(answer.probe), alternatives=others)
-    return replace(proposed, predict=predict, solve=solve, radius=answer.radius, effects=effects)
+    return replace(proposed, predict=predict, solve=solve, weigh=weigh, radius=answer.radius, effects=effects)
+
+
+def _changes(given: Sequence[str], space: ParameterSpace) -> dict[str, float | None]:
+    """Parameters that are to be measured, each with the share of its range by which it is changed.
+
+    Raises:
+        ReplyError: One isn't a parameter, or a change is no share.
+    """
+    split = [one.split() for one in given]
+    names = _names([one[0] if one else "" for one in split], space, "measure")
+    if len(names) != len(split):  # all of them
+        return dict.fromkeys(names)
+    changes: dict[str, float | None] = {}
+    for name, (_, *change) in zip(names, split, strict=True):
+        number = _share(change[0]) if change else None
+        if change and (number is None or not 0 < abs(number) <= 1 or len(change) > 1):
+            raise ReplyError(
+                f"'measure' changes '{name}' by {shown(' '.join(change))}; it must be a share of its range from -1 to "
+                f"1 other than 0, such as '{name} +0.05'"
+            )
+        changes[name] = number
+    return changes
+
+
+def _share(text: str) -> float | None:
+    try:
+        return _number(float(text))
+    except ValueError:
+        return None
 
 
 def _names(given: Sequence[str], space: ParameterSpace, field_name: str) -> tuple[str, ...]:

@@ -159,6 +159,46 @@ class _FishResponse:
         return (1 - share) * table[low] + share * table[low + 1]
 
 
+@dataclass(frozen=True)
+class _OfFirst:
+    """The response for a fish with further parameters, of which it knows nothing, and with narrower bounds.
+
+    Attributes:
+        plain: The response for the first parameters.
+        name: Name of the fish that has more.
+    """
+
+    plain: _FishResponse
+    name: str
+
+    @cached_property
+    def _ends(self) -> tuple[Array, Array, int]:
+        """Where the bounds of the first parameters lie between the plain fish's. Shapes (d,); number of the others."""
+        from swim2real.robots import load_robot  # whose files name this response
+
+        ours, theirs = load_robot(self.name).space, replace(load_robot("fish").space, scale="log")
+        own = [ours[name] for name in theirs.names]
+        low, high = ({one.name: getattr(one, side) for one in own} for side in ("lower", "upper"))
+        return theirs.to_cube(low), theirs.to_cube(high), len(ours) - len(theirs)
+
+    def _plain(self, points: Array) -> Array:
+        low, high, _ = self._ends
+        return low + points[:, : len(low)] * (high - low)
+
+    @property
+    def lengths(self) -> Array:
+        """Length scales, of the other parameters 1. Shape (d + e,)."""
+        return np.append(self.plain.lengths, np.ones(self._ends[2]))
+
+    def speeds(self, points: Array, frequencies: Array) -> tuple[Array, Array]:
+        """As the plain fish's."""
+        return self.plain.speeds(self._plain(points), frequencies)
+
+    def beats(self, points: Array, frequencies: Array, whole_motion: bool = False) -> Array:
+        """As the plain fish's."""
+        return self.plain.beats(self._plain(points), frequencies, whole_motion)
+
+
 def _processes(content: Mapping[str, NDArray[Any]]) -> dict[str, _PosteriorMean]:
     points = 2 * content["points"].astype(float) - 1
 
@@ -197,6 +237,12 @@ def fish_response() -> _FishResponse:
 def extended_response() -> _FishResponse:
     """The learned response of the fish with parameters behind the 16: the plain fish's, corrected."""
     return read_correction(_read("response-extended.npz"), fish_response())
+
+
+@cache
+def rolling_response() -> _OfFirst:
+    """The plain fish's response for the fish that rolls: wrong in size, but it knows what thrust and drag do."""
+    return _OfFirst(fish_response(), "fish-rolling")
 
 
 def _read(name: str) -> dict[str, NDArray[Any]]:
