@@ -44,6 +44,7 @@ class FrameProgress:
         total: Number of frames in all, as the file states it; None if it doesn't.
         lost: Number of markers that are lost in the newest frame.
         note: A sentence that a person should read before the rest is tracked.
+        positions: Where the markers, or points of a midline, are in the newest frame [px]. Shape (M, 2).
     """
 
     name: str
@@ -51,6 +52,7 @@ class FrameProgress:
     total: int | None
     lost: int
     note: str = ""
+    positions: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -187,7 +189,8 @@ def _forward(
         if picked is not None and not looked and time - times[picked] >= FIRST_LOOK:
             blurred = sharp < BLURRED * _sharpness(frame.image, position)
             looked, note = True, _first_look(film.names, np.array(confidences[picked:]), tracker, blurred)
-        on_progress(FrameProgress(film.name, len(times), count, int(np.count_nonzero(confidence <= 0)), note))
+        lost = int(np.count_nonzero(confidence <= 0))
+        on_progress(FrameProgress(film.name, len(times), count, lost, note, position))
     if len(times) < 2:
         where = f" {film.span.words}" if film.span.words else ""
         raise TrackingError(f"'{film.path}' has one frame only{where}; a trial needs at least 2")

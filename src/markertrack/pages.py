@@ -2,8 +2,8 @@
 
 On one the markers of a frame are clicked. The other shows where a track is doubtful, of each stretch a strip of
 enlarged cuts of the film: the last sure frame before, some within, the first sure one after; a click puts a marker.
-What they let a person download is what `points` reads. A page is a template in the frame of `page.html`, with
-`page.css` and `page.js` in it, and data that its script reads.
+What they let a person download is what `points` reads. A page is a template in the frame of `page.html`, and data that
+its script reads.
 """
 
 from __future__ import annotations
@@ -243,20 +243,28 @@ def _write_page(
 def filled(
     template: Path, title: str, video_name: str, data: Mapping[str, object], allowed: str = "", **more: str
 ) -> str:
-    """A page as text; `@@NAME@@` is where a part of it goes.
+    """A page as text: a template's style, body and script in the frame of `page.html`.
+
+    `@@NAME@@` is where a value goes, and `@@name.js@@` a file beside the template or of those that pages share.
 
     Args:
-        template: File of what is its own.
+        template: File of what is the page's own.
         title: Its title, before the name of the video.
         video_name: Name of the video.
         data: What its script reads.
         allowed: What its policy permits besides, as it follows the sources of pictures.
         more: Further parts, by name.
     """
-    text = (_HERE / "page.html").read_text(encoding="utf-8")
-    files = {"PAGE": template, "STYLE": _HERE / "page.css", "SHARED": _HERE / "page.js", "CANVAS": _HERE / "canvas.js"}
-    for part, file in files.items():
-        text = text.replace(f"@@{part}@@", file.read_text(encoding="utf-8").rstrip())
+    kept = re.fullmatch(
+        r"<style>\n(.*)\n</style>\n(.*)\n<script>\n(.*)\n</script>\n", template.read_text("utf-8"), re.S
+    )
+    assert kept is not None
+    text = (_HERE / "page.html").read_text("utf-8")
+    for name, part in zip(("OWN", "BODY", "SCRIPT"), kept.groups(), strict=True):
+        text = text.replace(f"@@{name}@@", part)
+    while name := re.search("@@([a-z]+\\.[a-z]+)@@", text):
+        file = next(folder / name[1] for folder in (template.parent, _HERE) if (folder / name[1]).is_file())
+        text = text.replace(name[0], file.read_text("utf-8").rstrip())
     script = text[text.rindex("<script>") + len("<script>") : text.rindex("</script>")]
     parts = {
         "SCRIPTS": script_source(script), "TITLE": title, "VIDEO": html.escape(visible(video_name)), "ALLOWED": allowed,

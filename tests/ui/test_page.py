@@ -5,7 +5,7 @@ import shutil
 
 import numpy as np
 import pytest
-from live_page import FILM, serving
+from live_page import FILM, serving, unpacked
 
 from browser import browser
 from swim2real import open_run
@@ -44,7 +44,7 @@ def page():
 
 def clicked(page, place):
     """A click on a place of the film, when the whole film is shown."""
-    box = page.locator("#stage canvas").bounding_box()
+    box = page.locator("#stage canvas[tabindex]").bounding_box()
     k = min(box["width"] / 1280, box["height"] / 720) * 0.98
     x, y = (box["width"] - 1280 * k) / 2, (box["height"] - 720 * k) / 2
     page.mouse.click(box["x"] + x + (place[0] + 0.5) * k, box["y"] + y + (place[1] + 0.5) * k)
@@ -69,8 +69,9 @@ def test_from_a_film_to_a_fit_by_clicks(folder, page):
         shows(page, "#said", "241 frames")
         shows(page, "#status", "correction")
         shows(page, "#film", "✓")
-        found = server.call("film", query=f"?film={FILM}&robot=fish")["track"]["positions"][0]
-        off = np.linalg.norm(np.subtract(found, list(saved.values())), axis=1)
+        query = f"?film={FILM}&robot=fish&reference=reference&trial=f0_50"
+        found = unpacked(server.call("film", query=query)["track"]["positions"], 241, 9)[0]
+        off = np.linalg.norm(found - list(saved.values()), axis=1)
         assert np.median(off) < 0.3  # px: clicks have snapped to the middles
 
         page.click("#tofit")

@@ -7,7 +7,7 @@ import time
 
 import numpy as np
 import pytest
-from live_page import FILM, serving
+from live_page import FILM, serving, unpacked
 from PIL import Image
 
 from markertrack.points import load_points
@@ -19,6 +19,7 @@ from swim2real.robots.fish import FISH
 from swim2real.settings import EvaluationSettings
 
 QUERY = f"?film={FILM}&robot=fish"
+TRACKED = f"{QUERY}&reference=reference&trial=f0_50"
 FIT = {"reference": "reference", "robot": "fish"}
 
 
@@ -34,6 +35,26 @@ def test_a_frame_is_that_of_the_film(served):
     with VideoReader(FILMS / FILM) as reader:
         image = next(frame.image for frame in reader if frame.index == 100)
     assert np.abs(np.asarray(Image.open(io.BytesIO(body)), dtype=int) - image).mean() < 2
+
+
+def test_an_early_picture_is_of_a_frame_nearby(served):
+    for number in (200, 3):
+        answer = served.response("GET", f"/api/frame?film={FILM}&number={number}&early=1")
+        near = int(answer.headers["X-Frame"])
+        assert 0 <= number - near <= 180  # 3 s
+        with VideoReader(FILMS / FILM) as reader:
+            image = next(frame.image for frame in reader if frame.index == near)
+        assert np.abs(np.asarray(Image.open(io.BytesIO(answer.body)), dtype=int) - image).mean() < 2
+
+
+def test_the_browsers_player_gets_the_parts_of_the_film_that_it_asks_for(served):
+    address, content = served.call("film", query=QUERY)["address"], (FILMS / FILM).read_bytes()
+    assert served.ask("GET", address, Authorization="") == (200, content)
+    for asked, part in (("bytes=100-199", content[100:200]), ("bytes=7-", content[7:])):
+        answer = served.response("GET", address, Range=asked, Authorization="")
+        assert (answer.status, answer.body) == (206, part)
+        assert answer.headers["Content-Range"].endswith(f"/{len(content)}")
+    assert served.ask("GET", address, Range=f"bytes={len(content)}-")[0] == 416
 
 
 def test_points_are_saved_as_track_takes_them(served, films):
@@ -79,9 +100,9 @@ def tracked(served, films):
 def test_a_track_and_its_corrections(served, films, tracked):
     (film,) = (film for film in served.call("project")["films"] if film["path"] == FILM)
     assert (film["reference"], film["trial"], film["points"]) == ("reference", "f0_50", True)
-    track = served.call("film", query=QUERY)["track"]
-    assert (track["first"], len(track["positions"])) == (0, 241)
-    place = track["positions"][100][4]
+    track = served.call("film", query=TRACKED)["track"]
+    assert (track["first"], track["frames"]) == (0, 241)
+    place = unpacked(track["positions"], 241, 9)[100, 4].round(1).tolist()
     content = {
         "format": 1,
         "video": FILM,
@@ -92,7 +113,7 @@ def test_a_track_and_its_corrections(served, films, tracked):
     served.call("mark", {"film": FILM, "kind": "corrections", "content": content})
     served.call("track", {"film": FILM, "robot": "fish"})
     assert "241 frames" in served.ended()["said"]
-    assert served.call("film", query=QUERY)["corrections"]["frames"][0]["markers"] == {"M4": place}
+    assert served.call("film", query=TRACKED)["corrections"]["frames"][0]["markers"] == {"M4": place}
 
 
 @pytest.mark.slow
@@ -102,10 +123,11 @@ def test_a_simulation_is_that_of_the_product(served, tracked):
     answer = served.call("simulate", {**FIT, "values": values, "trial": "f0_50"})
     compared = Problem.with_settings(FISH, tracked, EvaluationSettings()).evaluate(values).trials[0]
     assert answer["errors"]["f0_50"] == pytest.approx(compared.motion_error, rel=1e-6)
-    assert answer["film"] == FILM
-    real, simulated = (np.array(answer[key], dtype=float) for key in ("real", "simulated"))
+    scene = served.call("scene", {**FIT, "trial": "f0_50"})
+    assert (scene["film"], scene["markers"]) == (FILM, 9)
+    real, simulated = (unpacked(text, -1, 9) for text in (scene["real"], answer["simulated"]))
     assert np.nanmedian(np.linalg.norm(simulated - real, axis=2)) < 5  # px: nearly the hidden fish
-    seen = np.array(served.call("film", query=QUERY)["track"]["positions"], dtype=float)[: len(real)]
+    seen = unpacked(served.call("film", query=TRACKED)["track"]["positions"], 241, 9)[: len(real)]
     assert np.nanmedian(np.linalg.norm(real - seen, axis=2)) < 1  # the rings are on the film's markers
     beyond = {**values, "fluid_kutta_lift": 1e9}
     assert "fluid_kutta_lift" in refused(served, "simulate", {**FIT, "values": beyond})
@@ -123,7 +145,7 @@ def test_a_search_is_a_run_that_the_commands_take(served, films, tracked):
     assert "under way" in refused(served, "search", {**begin, "name": "fit-2"})
     assert served.call("stop", {})["stopping"]
     job = served.ended()
-    assert "fault" not in job, job
+    assert not job["fault"], job
     run = open_run(films / "fit-1")
     assert run.outcome is not None
     assert run.values == job["values"]
@@ -137,7 +159,7 @@ def test_a_search_is_a_run_that_the_commands_take(served, films, tracked):
         assert (films / "fit-1" / file).is_file()
     assert served.call("fit", {**FIT, "run": "fit-1"})["values"] == run.values
     served.call("ask", {**FIT, "values": run.values})
-    assert FISH.space.check(served.ended()["proposed"])
+    assert FISH.space.check(served.ended()["values"])
 
 
 @pytest.mark.parametrize("name", ["../out", "a/b", ".hidden", "con"])
