@@ -22,7 +22,7 @@ function picture(n) {
   pictures.get(key).catch(() => pictures.delete(key));
   return pictures.get(key);
 }
-function show(n, got) {
+function present(n, got) {
   if (filming && !saved) keepMarks();
   number = n; frame = got;
   get("at").textContent = `${n - reel.first} · ${seconds(n).toFixed(2)} s`;
@@ -39,14 +39,14 @@ async function go(n) {  // the newest frame that is asked for comes next; of a l
       goal = null;
       if (reel.large && !pictures.has(`${path}\n${n}`)) {
         const { picture, number } = await call("frame", null, { film: path, number: n, early: 1 });
-        if (path === reel.path) show(number, picture);
+        if (path === reel.path) present(number, picture);
         if (number !== n) await new Promise(rested => setTimeout(rested, 150));
         if (goal !== null) continue;
       }
       const got = await picture(n);
       if (path !== reel.path) continue;
       if (!playing) get("time").value = n - reel.first;
-      show(n, got);
+      present(n, got);
     }
   } finally { fetching = false; }
 }
@@ -73,7 +73,7 @@ async function roll() {
     if (n >= reel.last) player.currentTime = there(reel.first);
     if (n < reel.first || n > reel.last) return;
     get("time").value = n - reel.first;
-    show(n, player);
+    present(n, player);
   };
   player.loop = true;
   player.currentTime = there(from);

@@ -64,10 +64,18 @@ get("hide").onclick = () => {
   if (chosen < 0) return complain("Click the marker first.");
   remember(); points[chosen] = null; chosen = lifted = -1; update();
 };
-get("doubt").onclick = tried(() => {
-  const firsts = about.track.stretches.map(([first]) => about.track.first + first).sort((a, b) => a - b);
-  if (!firsts.length) throw new Error("Nothing of this track is lost or doubtful.");
-  return go(firsts.find(first => first > number) ?? firsts[0]);
+get("doubt").onclick = tried(async () => {   // the next click puts its first marker
+  const { first, stretches } = about.track, sorted = [...stretches].sort(([a], [b]) => a - b);
+  if (!sorted.length) throw new Error("Nothing of this track is lost or doubtful.");
+  const [frame, , , [m]] = sorted.find(([one]) => first + one > number) ?? sorted[0];
+  await go(first + frame);
+  const at = points[m] ?? tracked(number - 1)?.[m];
+  if (points[m]) chosen = lifted = m; else wanted = m;
+  if (at) show(at);
+  update();
+});
+document.addEventListener("keydown", ({ key, ctrlKey, metaKey }) => {
+  if (filming && about?.track && !ctrlKey && !metaKey) ({ n: get("doubt"), h: get("hide") })[key]?.click();
 });
 get("track").onclick = tried(async () => { if (!saved) keepMarks(); await call("track", asked()); await watch(); });
 get("film").onchange = get("midline").onchange = tried(film);

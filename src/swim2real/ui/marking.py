@@ -33,14 +33,14 @@ class Tracked:
         first: Number of its first frame in the film.
         frames: Number of its frames.
         positions: Places of the markers, `packed` [px]. Shape (T, M, 2).
-        stretches: First and last frame of each lost or doubtful stretch, and which it is.
+        stretches: First and last frame of each lost or doubtful stretch, which it is, and its markers.
         findings: Sentences of its report.
     """
 
     first: int
     frames: int
     positions: str
-    stretches: list[tuple[int, int, str]]
+    stretches: list[tuple[int, int, str, tuple[int, ...]]]
     findings: list[str]
 
 
@@ -81,7 +81,7 @@ def _track(folder: Path, trial: str, fps: float, names: tuple[str, ...]) -> Trac
     if there != names:
         return None
     begin = load_reference(folder)[trial].video_begin
-    stretches = [(one.first, one.last, one.reason) for one in find_stretches(track)]
+    stretches = [(one.first, one.last, one.reason, one.markers) for one in find_stretches(track)]
     findings = read(TrackingReport, page, "report of a track", TrackingError).findings
     return Tracked(round(begin * fps), track.frame_count, packed(track.positions), stretches, findings)
 
