@@ -1,4 +1,4 @@
-"""A film's points, corrections and track, in the files of `pick`, `track` and the page of doubtful stretches."""
+"""A film's points, corrections and track, in the files of `pick` and `track`."""
 
 from __future__ import annotations
 
