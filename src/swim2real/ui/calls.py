@@ -118,14 +118,14 @@ def _frame(project: Project, asked: _OfFrame) -> Picture:
 
 
 def _fit(project: Project, asked: _OfFit) -> Fit:
-    run = None if asked.run is None else project.folder(asked.run)
-    folder = project.folder(asked.reference)
+    folder, run = project.place(asked.reference), None if asked.run is None else project.place(asked.run)
     stamp = max((file.stat().st_mtime_ns for file in folder.glob("*.*")), default=0)
     key = (folder, asked.robot, run, stamp)
-    if project.fits.get("key") != key:
-        fit = Fit(folder, project.robot(asked.robot), run, project.root, project.films)
-        project.fits = {"key": key, "fit": fit}
-    return project.fits["fit"]
+    if project.fit is None or project.fit[0] != key:
+        for one in filter(None, (asked.reference, asked.run)):
+            project.folder(one)
+        project.fit = key, Fit(folder, project.robot(asked.robot), run, project.root, project.films)
+    return project.fit[1]
 
 
 def _scene(project: Project, asked: _OfTrial) -> dict[str, object]:

@@ -9,7 +9,6 @@ import tomllib
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 from urllib.parse import quote
 
 from swim2real.calibration import RunFolder
@@ -19,6 +18,7 @@ from swim2real.robots import ROBOTS, load_robot
 from swim2real.robots.robot import Robot
 from swim2real.trials.reference import FILMS, INDEX, Index
 from swim2real.ui.films import FilmCache
+from swim2real.ui.fit import Fit
 from swim2real.ui.jobs import Jobs
 from swimbase.checking import read
 from swimbase.errors import ArgumentError, Swim2RealError, TrialError
@@ -78,14 +78,14 @@ class Project:
         jobs: What is under way.
         films: Films that are open.
         secret: By it the addresses of films are sealed.
-        fits: The fit that is open, and what it is of.
+        fit: The fit that is open, after what it is of.
     """
 
     root: Path
     jobs: Jobs = field(default_factory=Jobs)
     films: FilmCache = field(default_factory=FilmCache)
     secret: bytes = field(default_factory=lambda: secrets.token_bytes(24), repr=False)
-    fits: dict[str, Any] = field(default_factory=dict[str, Any])
+    fit: tuple[object, Fit] | None = None
 
     def __post_init__(self) -> None:
         if not self.root.is_dir():
