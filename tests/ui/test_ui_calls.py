@@ -10,6 +10,7 @@ import pytest
 from live_page import FILM, serving, unpacked
 from PIL import Image
 
+from drawn_swimmers import Swimmer, film
 from markertrack.points import load_points
 from markertrack.video import VideoReader
 from swim2real import load_reference, open_run
@@ -85,15 +86,38 @@ def test_a_film_that_is_written_and_a_folder_without_one_are_no_fault(tmp_path):
         assert server.call("film", query="?film=half.mp4&robot=fish")["frames"] == 241
 
 
+def seen_live(served):
+    """Number of a frame and places in it, while a film is tracked."""
+    until = time.monotonic() + 200
+    while not (job := served.call("job"))["places"] and job["running"]:
+        assert time.monotonic() < until, job
+        time.sleep(0.02)
+    assert job["places"], job
+    return job["done"] - 1, unpacked(job["places"], -1)
+
+
 @pytest.fixture(scope="module")
-def tracked(served, films):
-    """The film, tracked by the page's call."""
+def live(served):
+    """Places that were seen while the film was tracked by the page's call."""
     served.call("track", {"film": FILM, "robot": "fish"})
     assert "under way" in refused(served, "track", {"film": FILM, "robot": "fish"})
     assert served.call("job")["title"] == f"tracking {FILM}"
-    job = served.ended()
+    seen, job = seen_live(served), served.ended()
     assert "241 frames" in job["said"], job
+    return seen
+
+
+@pytest.fixture(scope="module")
+def tracked(live, films):
+    """The film, tracked by the page's call."""
     return load_reference(films / "reference")
+
+
+@pytest.mark.slow
+def test_places_are_seen_while_a_film_is_tracked(served, live, tracked):
+    number, places = live
+    track = unpacked(served.call("film", query=TRACKED)["track"]["positions"], 241, 9)
+    assert np.nanmax(np.linalg.norm(places - track[number], axis=1)) < 1  # px
 
 
 @pytest.mark.slow
@@ -114,6 +138,27 @@ def test_a_track_and_its_corrections(served, films, tracked):
     served.call("track", {"film": FILM, "robot": "fish"})
     assert "241 frames" in served.ended()["said"]
     assert served.call("film", query=TRACKED)["corrections"]["frames"][0]["markers"] == {"M4": place}
+
+
+@pytest.mark.slow
+def test_a_midline_is_followed_from_two_clicks(tmp_path):
+    swimmer = Swimmer(length=200.0, speed=0.4, frequency=2.0)
+    film(tmp_path / "f2_00.mp4", [swimmer], count=60)
+    query = "?film=f2_00.mp4&robot=fish"
+    with serving(tmp_path) as server:
+        assert server.call("film", query=f"{query}&midline=true")["names"] == ["M0", "M8"]
+        markers = dict(zip(("M0", "M8"), swimmer.midline(0)[[0, -1]].tolist(), strict=True))
+        content = {"format": 1, "video": "f2_00.mp4", "width": 480, "height": 320, "frame": 0, "markers": markers}
+        server.call("mark", {"film": "f2_00.mp4", "kind": "points", "content": content})
+        server.call("track", {"film": "f2_00.mp4", "robot": "fish", "midline": True})
+        number, places = seen_live(server)
+        assert "60 frames" in server.ended()["said"]
+        track = server.call("film", query=f"{query}&reference=reference&trial=f2_00")["track"]
+        positions = unpacked(track["positions"], 60, 9)
+    assert load_reference(tmp_path / "reference")["f2_00"].midline
+    for places_, time_ in ((places, number / 30), (positions[59], 59 / 30)):
+        off = np.linalg.norm(places_[:, None] - swimmer.midline(time_), axis=2).min(axis=1)
+        assert np.nanmax(off) < 5  # px from the true midline, whichever end is the head
 
 
 @pytest.mark.slow
