@@ -162,11 +162,12 @@ def test_a_midline_is_followed_from_two_clicks(tmp_path):
 
 
 @pytest.mark.slow
-def test_a_simulation_is_that_of_the_product(served, tracked):
+def test_a_simulation_is_that_of_the_product(served, films, tracked):
     about, values = served.call("fit", FIT), hidden_values()
     assert about["values"] == FISH.space.published
     answer = served.call("simulate", {**FIT, "values": values, "trial": "f0_50"})
-    compared = Problem.with_settings(FISH, tracked, EvaluationSettings()).evaluate(values).trials[0]
+    reference = load_reference(films / "reference")  # corrected since
+    compared = Problem.with_settings(FISH, reference, EvaluationSettings()).evaluate(values).trials[0]
     assert answer["errors"]["f0_50"] == pytest.approx(compared.motion_error, rel=1e-6)
     scene = served.call("scene", {**FIT, "trial": "f0_50"})
     assert (scene["film"], scene["markers"]) == (FILM, 9)
