@@ -9,7 +9,6 @@ from .film import HowToTrack as HowToTrack
 from .film import TrackedFilm as TrackedFilm
 from .film import track_film as track_film
 from .following import FrameProgress as FrameProgress
-from .following import write_review as write_review
 from .layout import Layout as Layout
 from .overlay import TrackOverlay as TrackOverlay
 from .pages import write_pick_page as write_pick_page

@@ -1,7 +1,8 @@
 /* ---- a picture on which markers are placed: zoomed, moved, enlarged under a lens. The page has `names`, `width`, `height`,
-   `places` of the markers on a sketch, `frame` (the picture), `under(put)`, which draws below the points, and `ready()`, which
-   says what to do once all are placed ---- */
-const canvas = document.querySelector("canvas"), context = canvas.getContext("2d");
+   `places` of the markers on a sketch, `frame` (the picture, of any size), `under(put)`, which draws below the points, and
+   `ready()`, which says what to do once all are placed. The picture lies on a canvas of its own, below that of the points ---- */
+const canvas = document.querySelector("canvas[tabindex]"), context = canvas.getContext("2d");
+const below = get("picture").getContext("2d", { alpha: false });
 const CLOSEST = 2, HIT = 10, LENS = Math.min(innerWidth, innerHeight) < 620 ? 52 : 75, SLOP = { mouse: 4, pen: 6, touch: 9 };
 const touch = matchMedia("(pointer: coarse)").matches;
 
@@ -79,7 +80,7 @@ function middleOf([cx, cy], reach) {
   const w = x1 - x0, h = y1 - y0;
   if (w < 5 || h < 5) return null;
   patch.canvas.width = w; patch.canvas.height = h;
-  patch.drawImage(frame, x0, y0, w, h, 0, 0, w, h);
+  patch.drawImage(frame, ...part(x0, y0, w, h), 0, 0, w, h);
   const data = patch.getImageData(0, 0, w, h).data, rim = [];
   for (let y = 0; y < h; y++) for (let x = 0; x < w; x++) if (!x || !y || x === w - 1 || y === h - 1) rim.push(y * w + x);
   const median = list => list.sort((a, b) => a - b)[list.length >> 1];
@@ -166,25 +167,38 @@ function sketch(marker) {
     + (marker !== 0 ? `<text x="4" y="14">head</text>` : "")
     + (marker !== names.length - 1 ? `<text x="296" y="14" text-anchor="end">tail</text>` : "");
 }
-let planned = false;
+let planned = false, drawn = {};  // what is on the canvas below
 function draw() { if (!planned) { planned = true; requestAnimationFrame(paint); } }
 function paint() {
   planned = false;
   const ratio = devicePixelRatio || 1, style = getComputedStyle(document.documentElement);
-  const accent = style.getPropertyValue("--accent"), [w, h] = size();
+  const accent = style.getPropertyValue("--accent"), box = [0, 0, ...size()];
+  if (frame !== drawn.frame || view !== drawn.view || frame?.tagName === "VIDEO") {
+    below.setTransform(ratio, 0, 0, ratio, 0, 0);
+    below.fillStyle = style.getPropertyValue("--pool");
+    below.fillRect(...box);
+    spread(below, view, box, ratio);
+    drawn = frame?.complete === false ? {} : { frame, view };
+  }
   context.setTransform(ratio, 0, 0, ratio, 0, 0);
-  context.clearRect(0, 0, w, h);
-  scene(view, [0, 0, w, h], accent, ratio);
-  lens(w, h, accent, ratio);
+  context.clearRect(...box);
+  marks(view, accent);
+  lens(...size(), accent, ratio);
   get("scale").textContent = `${Math.round(100 * view.k)} %`;
 }
-function scene(v, [left, top, right, bottom], accent, ratio) {
-  context.imageSmoothingEnabled = v.k * ratio < 3;
-  context.imageSmoothingQuality = "high";
+function part(x, y, w, h) {  // of the frame, which may be smaller or larger than it stands for
+  const share = (frame.naturalWidth || frame.videoWidth || frame.width) / width;
+  return [x * share, y * share, w * share, h * share];
+}
+function spread(pen, v, [left, top, right, bottom], ratio) {
+  pen.imageSmoothingEnabled = v.k * ratio < 3;
+  pen.imageSmoothingQuality = frame?.tagName === "VIDEO" ? "low" : "high";
   const x0 = clamp(Math.floor((left - v.x) / v.k), 0, width), x1 = clamp(Math.ceil((right - v.x) / v.k), 0, width);
   const y0 = clamp(Math.floor((top - v.y) / v.k), 0, height), y1 = clamp(Math.ceil((bottom - v.y) / v.k), 0, height);
   if (frame && x1 > x0 && y1 > y0)
-    context.drawImage(frame, x0, y0, x1 - x0, y1 - y0, v.x + x0 * v.k, v.y + y0 * v.k, (x1 - x0) * v.k, (y1 - y0) * v.k);
+    pen.drawImage(frame, ...part(x0, y0, x1 - x0, y1 - y0), v.x + x0 * v.k, v.y + y0 * v.k, (x1 - x0) * v.k, (y1 - y0) * v.k);
+}
+function marks(v, accent) {
   const put = p => [(p[0] + 0.5) * v.k + v.x, (p[1] + 0.5) * v.k + v.y];
   under(put);
   const line = points.filter(Boolean).map(put);
@@ -235,7 +249,9 @@ function lens(w, h, accent, ratio) {
   context.fill();
   context.clip();
   const box = [cx - LENS, cy - LENS, cx + LENS, cy + LENS];
-  scene({ k, x: cx - (fx + 0.5) * k, y: cy - (fy + 0.5) * k }, box, accent, ratio);
+  const near = { k, x: cx - (fx + 0.5) * k, y: cy - (fy + 0.5) * k };
+  spread(context, near, box, ratio);
+  marks(near, accent);
   context.restore();
   for (const [color, width] of [["#000000a0", 3], ["#ffffff", 1]]) {
     context.strokeStyle = color;
@@ -278,10 +294,9 @@ function show(p) {
 let known = [0, 0];
 function resize() {
   const [w, h] = size(), ratio = devicePixelRatio || 1;
-  canvas.width = Math.round(w * ratio);
-  canvas.height = Math.round(h * ratio);
+  for (const layer of [canvas, below.canvas]) { layer.width = Math.round(w * ratio); layer.height = Math.round(h * ratio); }
   if (known[0] === 0) fit();
-  else { view.x += (w - known[0]) / 2; view.y += (h - known[1]) / 2; draw(); }
+  else { view = { k: view.k, x: view.x + (w - known[0]) / 2, y: view.y + (h - known[1]) / 2 }; draw(); }
   known = [w, h];
 }
 resize();
@@ -383,5 +398,5 @@ const items = () => names.map((name, i) => {
   item.append(button);
   return item;
 });
-matchMedia("(prefers-color-scheme: dark)").addEventListener("change", draw);
+matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => { drawn = {}; draw(); });
 addEventListener("beforeunload", event => { if (!saved && points.some(p => p)) event.preventDefault(); });

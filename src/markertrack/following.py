@@ -13,16 +13,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markertrack.both_ways import Seen, both_ways
-from markertrack.corrections import corrected, find_stretches, gaps_to_correct
+from markertrack.corrections import corrected, gaps_to_correct
 from markertrack.overlay import TrackOverlay
-from markertrack.pages import MOST_STRETCHES, Cut, make_strips, write_review_page
 from markertrack.points import Anchor
 from markertrack.quality import DOUBTFUL
 from markertrack.span import Span
 from markertrack.track import MarkerTrack
 from markertrack.tracking.markers import MarkerTracker
 from markertrack.tracking.tracker import Tracker
-from markertrack.video import Frame, VideoReader, film_title, frames_backwards
+from markertrack.video import Frame, VideoReader, frames_backwards
 from swimbase.arrays import Array
 from swimbase.errors import TrackingError, TrialError
 
@@ -44,6 +43,7 @@ class FrameProgress:
         total: Number of frames in all, as the file states it; None if it doesn't.
         lost: Number of markers that are lost in the newest frame.
         note: A sentence that a person should read before the rest is tracked.
+        positions: Where the markers, or points of a midline, are in the newest frame [px]. Shape (M, 2).
     """
 
     name: str
@@ -51,6 +51,7 @@ class FrameProgress:
     total: int | None
     lost: int
     note: str = ""
+    positions: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -187,7 +188,8 @@ def _forward(
         if picked is not None and not looked and time - times[picked] >= FIRST_LOOK:
             blurred = sharp < BLURRED * _sharpness(frame.image, position)
             looked, note = True, _first_look(film.names, np.array(confidences[picked:]), tracker, blurred)
-        on_progress(FrameProgress(film.name, len(times), count, int(np.count_nonzero(confidence <= 0)), note))
+        lost = int(np.count_nonzero(confidence <= 0))
+        on_progress(FrameProgress(film.name, len(times), count, lost, note, position))
     if len(times) < 2:
         where = f" {film.span.words}" if film.span.words else ""
         raise TrackingError(f"'{film.path}' has one frame only{where}; a trial needs at least 2")
@@ -246,8 +248,7 @@ def _first_look(names: Sequence[str], confidence: Array, tracker: Tracker, blurr
     more = f" and {len(bad) - MOST_NAMED} more" if len(bad) > MOST_NAMED else ""
     return (
         f"lost or doubtful in the first {FIRST_LOOK:g} s: {', '.join(named)}{more}; larger markers, more contrast, a "
-        f"shorter shutter or tags (--tracker aruco) would help; a few of them can be put right on the page of doubtful "
-        f"stretches (--corrections)"
+        f"shorter shutter or tags (--tracker aruco) would help; a few of them can be put right by hand (--corrections)"
     )
 
 
@@ -279,53 +280,3 @@ def _count(reader: VideoReader, span: Span) -> int | None:
     if span.until is not None:
         return round((span.until - span.begin) * info.fps) + 1
     return None if info.frame_count is None else max(1, info.frame_count - round(span.begin * info.fps))
-
-
-def write_review(
-    video: Path, track: MarkerTrack, names: Sequence[str], path: Path, first_frame: int, command: str, *,
-    anchors: Sequence[Anchor] = (), threads: int = 0, fps: float | None = None,
-) -> Path | None:  # fmt: skip
-    """Writes a page that shows where a track is lost or doubtful, and takes a person's corrections.
-
-    The video is decoded once more, up to the last frame that is shown.
-
-    Args:
-        video: Path of the video.
-        track: Track of it in pixels.
-        names: Names of its markers.
-        path: Path of the page.
-        first_frame: Number in the video of the track's first frame.
-        command: How to go on with the file that the page lets a person download; shown there.
-        anchors: What was corrected before, which stays in the file.
-        threads: Number of threads that decode the video; 0 for as many as the machine has cores.
-        fps: Frames per second that the camera took; by default as the film states it.
-
-    Returns:
-        The path; None where nothing is doubtful, and no page is written.
-
-    Raises:
-        VideoError: The video can't be read.
-        TrackingError: The video isn't the track's, or the page can't be written.
-    """
-    stretches = find_stretches(track)
-    if not stretches:
-        return None
-    with VideoReader(video, threads, fps) as reader:
-        size = reader.info.width, reader.info.height
-        strips = make_strips(track, stretches[:MOST_STRETCHES], *size)
-        wanted: dict[int, list[Cut]] = {}
-        for cut in (cut for strip in strips for cut in strip.cuts):
-            wanted.setdefault(first_frame + cut.frame, []).append(cut)
-        for frame in reader:
-            for cut in wanted.pop(frame.index, ()):
-                cut.show(frame.image, frame.time)
-            if not wanted:
-                break
-    if wanted:
-        raise TrackingError(
-            f"video '{video}' has no frame {max(wanted)}, in which its track is; track it again to see what is doubtful"
-        )
-    return write_review_page(
-        path, film_title(video), names, *size, strips, first_frame=first_frame, command=command,
-        more=len(stretches) - len(strips), anchors=anchors,
-    )  # fmt: skip

@@ -30,7 +30,7 @@ _Markers = Mapping[str, list[float] | None]  # places by name, None where hidden
 
 _CLOSEST = 2.0  # px; two markers nearer than this are one marker clicked twice
 _PICK_AGAIN = "pick the points again with `swim2real pick`"
-_CORRECT_AGAIN = "make it again on the page of this video's doubtful stretches, or correct it by hand"
+_CORRECT_AGAIN = "make it again with `swim2real ui`, or correct it by hand"
 
 
 @dataclass(frozen=True)

@@ -110,7 +110,7 @@ def test_a_stretch_of_a_film_becomes_a_trial_from_time_0(program, clip, tmp_path
 
 
 def test_a_film_of_any_speed_and_its_single_pictures_are_the_same_trial(program, clip, tmp_path):
-    """Each by the rate at which the camera took the frames; corrections, overlay and review need none of their own."""
+    """Each by the rate at which the camera took the frames; corrections and overlay need none of their own."""
     slow, pictures = slowed(clip.video, tmp_path / "slow.mp4", 8), tmp_path / "pictures"
     pictures.mkdir()
     with VideoReader(clip.video) as reader:

@@ -24,12 +24,12 @@ COLORS = [(255, 0, 0), (0, 255, 0), (255, 255, 0), (255, 0, 255)]
 
 # What a hand and an eye do. The eye finds each disc by its color on the canvas; nothing of the page's script is used.
 HAND = """
-const canvas = document.querySelector("canvas");
+const canvas = document.querySelector("canvas[tabindex]");
 const drawn = () => new Promise(done => requestAnimationFrame(() => setTimeout(done, 0)));
 function pixels() {  // of a copy, since reading makes a browser treat a canvas differently
   const copy = Object.assign(document.createElement("canvas"), { width: canvas.width, height: canvas.height });
   const context = copy.getContext("2d", { willReadFrequently: true });
-  context.drawImage(canvas, 0, 0);
+  for (const layer of document.querySelectorAll("#stage canvas")) context.drawImage(layer, 0, 0);
   return context.getImageData(0, 0, copy.width, copy.height).data;
 }
 function send(type, [x, y], more = {}) {

@@ -30,6 +30,19 @@ def test_frames_in_any_order_are_those_of_the_reader(frames):
     film.close()
 
 
+def test_a_key_frame_is_the_readers_and_the_next_frame_is_exact(tmp_path):
+    path = FILMS / "f1_00.mp4"
+    with VideoReader(path) as reader:
+        images = {frame.index: frame.image[::8, ::8].copy() for frame in reader}
+    film = SeekableFilm(path)
+    for number in (239, 0, 60):
+        key = film.key_frame(number)
+        assert key.index <= number
+        np.testing.assert_array_equal(key.image[::8, ::8], images[key.index])
+        np.testing.assert_array_equal(film.frame(number).image[::8, ::8], images[number])
+    film.close()
+
+
 @pytest.mark.parametrize("rotation", [90, 180])
 def test_turned_films_are_upright(tmp_path, rotation):
     path = clip(tmp_path / "swim.mp4", 12, rotation=rotation)

@@ -24,8 +24,7 @@ from test_calls import VlmRun, film, notes, picture
 from browser import open_to_scripts, opened
 from made_results import MARKERS as COMPARED_MARKERS
 from made_results import TRIALS, two_methods
-from markertrack.corrections import find_stretches
-from markertrack.pages import make_strips, write_pick_page, write_review_page
+from markertrack.pages import write_pick_page
 from markertrack.quality import LostMarkers
 from markertrack.track import MarkerTrack
 from run_settings import record_of
@@ -191,19 +190,9 @@ def pick_page(folder: Path) -> Path:
     return write_pick_page(frame, names, f"{ATTACK}.mp4", folder / "pick.html")
 
 
-def review_page(folder: Path) -> Path:
-    names = tuple(hostile("a", "b", "__proto__").values())
-    track = MarkerTrack(range(9), np.tile([[[9.0, 9.0], [30.0, 9.0], [50.0, 9.0]]], (9, 1, 1)), np.full((9, 3), 0.2))
-    strips = make_strips(track, find_stretches(track), 64, 36)
-    for cut in (cut for strip in strips for cut in strip.cuts):
-        cut.show(np.full((36, 64, 3), 90, dtype=np.uint8), cut.frame / 2)
-    return write_review_page(folder / "review.html", f"{ATTACK}.mp4", names, 64, 36, strips, command=ATTACK)
-
-
 PAGES: dict[str, Callable[[Path], Path]] = {
     "run": run_page, "comparison": comparison_page, "quality": quality_page,
     "training": training_page, "rollout": rollout_page, "pick": pick_page,
-    "review": review_page,
 }  # fmt: skip
 
 
@@ -264,7 +253,7 @@ def check(page: str, scripts: int) -> Audit:
     return found
 
 
-SCRIPTS = {"run": 1, "comparison": 1, "quality": 0, "training": 1, "rollout": 1, "pick": 2, "review": 2}
+SCRIPTS = {"run": 1, "comparison": 1, "quality": 0, "training": 1, "rollout": 1, "pick": 2}
 
 
 DRAWN = ("quality", "training", "rollout")  # charts of the other pages take long; the browser sees them
@@ -280,7 +269,7 @@ def test_hostile_text_stays_text(kind: str, tmp_path: Path, request: pytest.Fixt
         check_charts(page)
     found = check(page, SCRIPTS[kind])
     text = " ".join(" ".join(found.text).split())
-    if kind not in ("pick", "review"):
+    if kind != "pick":
         assert f"<script>{OWN}</script>" in text
         assert "{{ 7 * 7 }}" in text
     assert "a\\u202eb\\u2066c\\u200bd" in text
@@ -317,7 +306,6 @@ def elsewhere() -> Generator[tuple[int, list[object]]]:
 
 OWN_WORK = {
     "run": '<div class="player">', "comparison": '<button type="button">', "pick": "<span>next</span>",
-    "review": "0 clicks; 0 placed",
 }  # fmt: skip
 
 

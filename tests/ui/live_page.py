@@ -1,14 +1,16 @@
 """A server of the page over a small folder, and a client that says what it likes."""
 
 import asyncio
+import base64
 import http.client
 import json
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
+import numpy as np
 import pytest
 
 pytest.importorskip("tornado", reason="the page needs tornado; install the extra ui")
@@ -17,6 +19,19 @@ from swim2real.ui.project import Project
 from swim2real.ui.server import listening, serve
 
 FILM = "f0_50.mp4"
+
+
+def unpacked(text: str, *shape: int) -> np.ndarray:
+    """Places that the page gets."""
+    return np.frombuffer(base64.b64decode(text), "<f4").reshape(*shape, 2)
+
+
+class Response(NamedTuple):
+    """What came back."""
+
+    status: int
+    body: bytes
+    headers: dict[str, str]
 
 
 class Served:
@@ -30,6 +45,13 @@ class Served:
         self, method: str, path: str, body: bytes | None = None, *, token: str | None = None, **headers: str
     ) -> tuple[int, bytes]:
         """Status and body of a request; with the page's own headers where none are given."""
+        answer = self.response(method, path, body, token=token, **headers)
+        return answer.status, answer.body
+
+    def response(
+        self, method: str, path: str, body: bytes | None = None, *, token: str | None = None, **headers: str
+    ) -> Response:
+        """The same with headers."""
         sent = {"Host": f"127.0.0.1:{self.port}", "Authorization": f"Bearer {token or self.token}"}
         connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=120)
         try:
@@ -38,7 +60,7 @@ class Served:
                 connection.putheader(name, value)
             connection.endheaders(body)
             answer = connection.getresponse()
-            return answer.status, answer.read()
+            return Response(answer.status, answer.read(), dict(answer.headers))
         finally:
             connection.close()
 

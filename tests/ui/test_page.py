@@ -5,9 +5,10 @@ import shutil
 
 import numpy as np
 import pytest
-from live_page import FILM, serving
+from live_page import FILM, serving, unpacked
 
 from browser import browser
+from markertrack.video import VideoWriter
 from swim2real import open_run
 from swim2real.demo.example import FILMS
 
@@ -44,7 +45,7 @@ def page():
 
 def clicked(page, place):
     """A click on a place of the film, when the whole film is shown."""
-    box = page.locator("#stage canvas").bounding_box()
+    box = page.locator("#stage canvas[tabindex]").bounding_box()
     k = min(box["width"] / 1280, box["height"] / 720) * 0.98
     x, y = (box["width"] - 1280 * k) / 2, (box["height"] - 720 * k) / 2
     page.mouse.click(box["x"] + x + (place[0] + 0.5) * k, box["y"] + y + (place[1] + 0.5) * k)
@@ -69,8 +70,9 @@ def test_from_a_film_to_a_fit_by_clicks(folder, page):
         shows(page, "#said", "241 frames")
         shows(page, "#status", "correction")
         shows(page, "#film", "✓")
-        found = server.call("film", query=f"?film={FILM}&robot=fish")["track"]["positions"][0]
-        off = np.linalg.norm(np.subtract(found, list(saved.values())), axis=1)
+        query = f"?film={FILM}&robot=fish&reference=reference&trial=f0_50"
+        found = unpacked(server.call("film", query=query)["track"]["positions"], 241, 9)[0]
+        off = np.linalg.norm(found - list(saved.values()), axis=1)
         assert np.median(off) < 0.3  # px: clicks have snapped to the middles
 
         page.click("#tofit")
@@ -99,3 +101,58 @@ def test_a_page_without_the_secret_says_so(folder, page):
     with serving(folder) as server:
         page.goto(server.address.split("#")[0])
         shows(page, "#alert", "open the one of now")
+
+
+BITS = 8
+
+
+def numbered(path, codec):
+    """A film whose frames show their numbers as black and white fields."""
+    with VideoWriter(path, 640, 360, 30, codec, crf=30) as writer:
+        for number in range(120):
+            image = np.zeros((360, 640, 3), np.uint8)
+            for bit in range(BITS):
+                image[:, 80 * bit : 80 * (bit + 1)] = 255 * (number >> bit & 1)
+            writer.write(image)
+
+
+READ = """async () => {   // what has been said for a whole picture of the screen, and what is drawn
+  const said = () => document.querySelector("#at").textContent, next = () => new Promise(requestAnimationFrame);
+  for (let before = null; before !== said(); await next()) before = await next().then(said);
+  const canvas = document.createElement("canvas"), { width, height } = document.querySelector("#picture");
+  Object.assign(canvas, { width, height });
+  const pen = canvas.getContext("2d");
+  pen.drawImage(document.querySelector("#picture"), 0, 0);
+  const k = 0.98 * Math.min(width / 640, height / 360), left = (width - 640 * k) / 2;
+  let number = 0;
+  for (let bit = 0; bit < 8; bit++)
+    if (pen.getImageData(left + (80 * bit + 40) * k, height / 2, 1, 1).data[0] > 127) number += 1 << bit;
+  return [said(), number];
+}"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "codec"), [("swim.mp4", "h264"), ("swim.avi", "mjpeg")])
+def test_a_film_plays_in_the_browser_and_frame_by_frame_where_that_cannot(folder, page, name, codec):
+    for film in folder.glob("*.mp4"):
+        film.unlink()
+    numbered(folder / name, codec)
+    with serving(folder) as server:
+        page.goto(server.address)
+        shows(page, "#at", "0 · 0.00 s")
+        page.click("#play")
+        seen = {}
+        for _ in range(100):
+            page.wait_for_timeout(50)
+            said, number = page.evaluate(READ)
+            seen[int(said.split()[0])] = number
+            if len(seen) > 8:
+                break
+        assert len(seen) > 8
+        assert all(said == number for said, number in seen.items()), seen
+        page.click("#play")
+        page.wait_for_timeout(500)
+        said, number = page.evaluate(READ)
+        assert int(said.split()[0]) == number
+        names = page.evaluate("performance.getEntriesByType('resource').map(one => one.name)")
+        assert (sum("/api/frame" in one for one in names) < 5) == (codec == "h264"), names

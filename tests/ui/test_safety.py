@@ -53,6 +53,25 @@ def test_a_token_in_the_address_is_none(served):
     assert served.ask("GET", f"/api/project?token={served.token}", Authorization="")[0] == 403
 
 
+def test_a_films_address_is_of_that_film_alone(served, films):
+    address = served.call("film", query="?film=f0_50.mp4&robot=fish")["address"]
+    (films / "other.mp4").write_bytes(b"other")
+    _, _, seal, name = address.split("/")
+    assert name == "f0_50.mp4"
+    (films.parent / "secret.mp4").write_bytes(b"secret")
+    for wrong in (
+        f"/film/{seal}/other.mp4",
+        f"/film/{seal[:-1]}/{name}",
+        f"/film/x/{name}",
+        f"/film/{seal}/../secret.mp4",
+    ):
+        status, body = served.ask("GET", wrong)
+        assert (status, body.find(b"other")) == (403, -1)
+    assert served.ask("GET", address, Host="pool.example")[0] == 403
+    assert served.ask("GET", address, Origin="null")[0] == 403
+    (films / "other.mp4").unlink()
+
+
 def test_the_near_end_of_a_tunnel_is_this_machine(served):
     host = "localhost:9999"
     assert served.ask("GET", "/api/project", Host=host, Origin=f"http://{host}")[0] == 200
@@ -135,7 +154,7 @@ def test_a_port_in_use_and_a_folder_that_is_none_are_sentences(served, tmp_path)
         listening(70000)
     with pytest.raises(ArgumentError, match=r"is no folder; give"):
         Project(tmp_path / "nothing")
-    assert Project(tmp_path).content()["films"] == []
+    assert Project(tmp_path).content().films == []
 
 
 def test_the_browser_gets_the_token_from_a_file_of_its_users_own(monkeypatch):

@@ -7,9 +7,10 @@ import time
 
 import numpy as np
 import pytest
-from live_page import FILM, serving
+from live_page import FILM, serving, unpacked
 from PIL import Image
 
+from drawn_swimmers import Swimmer, film
 from markertrack.points import load_points
 from markertrack.video import VideoReader
 from swim2real import load_reference, open_run
@@ -19,6 +20,7 @@ from swim2real.robots.fish import FISH
 from swim2real.settings import EvaluationSettings
 
 QUERY = f"?film={FILM}&robot=fish"
+TRACKED = f"{QUERY}&reference=reference&trial=f0_50"
 FIT = {"reference": "reference", "robot": "fish"}
 
 
@@ -34,6 +36,26 @@ def test_a_frame_is_that_of_the_film(served):
     with VideoReader(FILMS / FILM) as reader:
         image = next(frame.image for frame in reader if frame.index == 100)
     assert np.abs(np.asarray(Image.open(io.BytesIO(body)), dtype=int) - image).mean() < 2
+
+
+def test_an_early_picture_is_of_a_frame_nearby(served):
+    for number in (200, 3):
+        answer = served.response("GET", f"/api/frame?film={FILM}&number={number}&early=1")
+        near = int(answer.headers["X-Frame"])
+        assert 0 <= number - near <= 180  # 3 s
+        with VideoReader(FILMS / FILM) as reader:
+            image = next(frame.image for frame in reader if frame.index == near)
+        assert np.abs(np.asarray(Image.open(io.BytesIO(answer.body)), dtype=int) - image).mean() < 2
+
+
+def test_the_browsers_player_gets_the_parts_of_the_film_that_it_asks_for(served):
+    address, content = served.call("film", query=QUERY)["address"], (FILMS / FILM).read_bytes()
+    assert served.ask("GET", address, Authorization="") == (200, content)
+    for asked, part in (("bytes=100-199", content[100:200]), ("bytes=7-", content[7:])):
+        answer = served.response("GET", address, Range=asked, Authorization="")
+        assert (answer.status, answer.body) == (206, part)
+        assert answer.headers["Content-Range"].endswith(f"/{len(content)}")
+    assert served.ask("GET", address, Range=f"bytes={len(content)}-")[0] == 416
 
 
 def test_points_are_saved_as_track_takes_them(served, films):
@@ -64,24 +86,47 @@ def test_a_film_that_is_written_and_a_folder_without_one_are_no_fault(tmp_path):
         assert server.call("film", query="?film=half.mp4&robot=fish")["frames"] == 241
 
 
+def seen_live(served):
+    """Number of a frame and places in it, while a film is tracked."""
+    until = time.monotonic() + 200
+    while not (job := served.call("job"))["places"] and job["running"]:
+        assert time.monotonic() < until, job
+        time.sleep(0.02)
+    assert job["places"], job
+    return job["done"] - 1, unpacked(job["places"], -1)
+
+
 @pytest.fixture(scope="module")
-def tracked(served, films):
-    """The film, tracked by the page's call."""
+def live(served):
+    """Places that were seen while the film was tracked by the page's call."""
     served.call("track", {"film": FILM, "robot": "fish"})
     assert "under way" in refused(served, "track", {"film": FILM, "robot": "fish"})
     assert served.call("job")["title"] == f"tracking {FILM}"
-    job = served.ended()
+    seen, job = seen_live(served), served.ended()
     assert "241 frames" in job["said"], job
+    return seen
+
+
+@pytest.fixture(scope="module")
+def tracked(live, films):
+    """The film, tracked by the page's call."""
     return load_reference(films / "reference")
+
+
+@pytest.mark.slow
+def test_places_are_seen_while_a_film_is_tracked(served, live, tracked):
+    number, places = live
+    track = unpacked(served.call("film", query=TRACKED)["track"]["positions"], 241, 9)
+    assert np.nanmax(np.linalg.norm(places - track[number], axis=1)) < 1  # px
 
 
 @pytest.mark.slow
 def test_a_track_and_its_corrections(served, films, tracked):
     (film,) = (film for film in served.call("project")["films"] if film["path"] == FILM)
     assert (film["reference"], film["trial"], film["points"]) == ("reference", "f0_50", True)
-    track = served.call("film", query=QUERY)["track"]
-    assert (track["first"], len(track["positions"])) == (0, 241)
-    place = track["positions"][100][4]
+    track = served.call("film", query=TRACKED)["track"]
+    assert (track["first"], track["frames"]) == (0, 241)
+    place = unpacked(track["positions"], 241, 9)[100, 4].round(1).tolist()
     content = {
         "format": 1,
         "video": FILM,
@@ -92,20 +137,43 @@ def test_a_track_and_its_corrections(served, films, tracked):
     served.call("mark", {"film": FILM, "kind": "corrections", "content": content})
     served.call("track", {"film": FILM, "robot": "fish"})
     assert "241 frames" in served.ended()["said"]
-    assert served.call("film", query=QUERY)["corrections"]["frames"][0]["markers"] == {"M4": place}
+    assert served.call("film", query=TRACKED)["corrections"]["frames"][0]["markers"] == {"M4": place}
 
 
 @pytest.mark.slow
-def test_a_simulation_is_that_of_the_product(served, tracked):
+def test_a_midline_is_followed_from_two_clicks(tmp_path):
+    swimmer = Swimmer(length=200.0, speed=0.4, frequency=2.0)
+    film(tmp_path / "f2_00.mp4", [swimmer], count=60)
+    query = "?film=f2_00.mp4&robot=fish"
+    with serving(tmp_path) as server:
+        assert server.call("film", query=f"{query}&midline=true")["names"] == ["M0", "M8"]
+        markers = dict(zip(("M0", "M8"), swimmer.midline(0)[[0, -1]].tolist(), strict=True))
+        content = {"format": 1, "video": "f2_00.mp4", "width": 480, "height": 320, "frame": 0, "markers": markers}
+        server.call("mark", {"film": "f2_00.mp4", "kind": "points", "content": content})
+        server.call("track", {"film": "f2_00.mp4", "robot": "fish", "midline": True})
+        number, places = seen_live(server)
+        assert "60 frames" in server.ended()["said"]
+        track = server.call("film", query=f"{query}&reference=reference&trial=f2_00")["track"]
+        positions = unpacked(track["positions"], 60, 9)
+    assert load_reference(tmp_path / "reference")["f2_00"].midline
+    for places_, time_ in ((places, number / 30), (positions[59], 59 / 30)):
+        off = np.linalg.norm(places_[:, None] - swimmer.midline(time_), axis=2).min(axis=1)
+        assert np.nanmax(off) < 5  # px from the true midline, whichever end is the head
+
+
+@pytest.mark.slow
+def test_a_simulation_is_that_of_the_product(served, films, tracked):
     about, values = served.call("fit", FIT), hidden_values()
     assert about["values"] == FISH.space.published
     answer = served.call("simulate", {**FIT, "values": values, "trial": "f0_50"})
-    compared = Problem.with_settings(FISH, tracked, EvaluationSettings()).evaluate(values).trials[0]
+    reference = load_reference(films / "reference")  # corrected since
+    compared = Problem.with_settings(FISH, reference, EvaluationSettings()).evaluate(values).trials[0]
     assert answer["errors"]["f0_50"] == pytest.approx(compared.motion_error, rel=1e-6)
-    assert answer["film"] == FILM
-    real, simulated = (np.array(answer[key], dtype=float) for key in ("real", "simulated"))
+    scene = served.call("scene", {**FIT, "trial": "f0_50"})
+    assert (scene["film"], scene["markers"]) == (FILM, 9)
+    real, simulated = (unpacked(text, -1, 9) for text in (scene["real"], answer["simulated"]))
     assert np.nanmedian(np.linalg.norm(simulated - real, axis=2)) < 5  # px: nearly the hidden fish
-    seen = np.array(served.call("film", query=QUERY)["track"]["positions"], dtype=float)[: len(real)]
+    seen = unpacked(served.call("film", query=TRACKED)["track"]["positions"], 241, 9)[: len(real)]
     assert np.nanmedian(np.linalg.norm(real - seen, axis=2)) < 1  # the rings are on the film's markers
     beyond = {**values, "fluid_kutta_lift": 1e9}
     assert "fluid_kutta_lift" in refused(served, "simulate", {**FIT, "values": beyond})
@@ -123,7 +191,7 @@ def test_a_search_is_a_run_that_the_commands_take(served, films, tracked):
     assert "under way" in refused(served, "search", {**begin, "name": "fit-2"})
     assert served.call("stop", {})["stopping"]
     job = served.ended()
-    assert "fault" not in job, job
+    assert not job["fault"], job
     run = open_run(films / "fit-1")
     assert run.outcome is not None
     assert run.values == job["values"]
@@ -137,7 +205,7 @@ def test_a_search_is_a_run_that_the_commands_take(served, films, tracked):
         assert (films / "fit-1" / file).is_file()
     assert served.call("fit", {**FIT, "run": "fit-1"})["values"] == run.values
     served.call("ask", {**FIT, "values": run.values})
-    assert FISH.space.check(served.ended()["proposed"])
+    assert FISH.space.check(served.ended()["values"])
 
 
 @pytest.mark.parametrize("name", ["../out", "a/b", ".hidden", "con"])

@@ -81,7 +81,8 @@ def follow_midline(
         found.append(curves(silhouette.shapes(view.picture(frame)), silhouette.length))
         trust[len(times)] = 1.0 if frame.intact else SMEARED
         times.append(frame.time)
-        on_progress(FrameProgress(film.name, len(times), count, 0 if found[-1] else len(places)))
+        seen = view.whole(found[-1][0].points) if found[-1] else None
+        on_progress(FrameProgress(film.name, len(times), count, 0 if found[-1] else len(places), positions=seen))
     own = clicks.frame - first
     one, begin, length = _clicked(found[own], ends)
     at = begin + places * length

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -75,9 +76,7 @@ class SeekableFilm:
         Raises:
             VideoError: There is none of this number, or it is broken.
         """
-        if not 0 <= number < len(self._stamps):
-            raise VideoError(f"'{self._path}' has frames 0 to {len(self._stamps) - 1}, and none of number {number}")
-        stamp = self._stamps[number]
+        stamp = self._stamp(number)
         if stamp not in self._recent and not self._next <= number < self._next + _NEAR:
             self._container.seek(stamp, stream=self._stream)
             self._pictures = self._decoded()
@@ -90,7 +89,35 @@ class SeekableFilm:
                 self._next = number + 1
                 break
         if stamp in self._recent:
-            return replace(self._first, index=number, time=self.times[number], _stored=self._recent[stamp])
+            return self._taken(self._recent[stamp], number)
+        raise self._broken(number)
+
+    def key_frame(self, number: int) -> Frame:
+        """The key frame at or before a frame, from which that one would be decoded: at once, whatever lies between.
+
+        Raises:
+            VideoError: There is no frame of this number, or the key frame is broken.
+        """
+        stamp, decoder = self._stamp(number), self._stream.codec_context
+        self._container.seek(stamp, stream=self._stream)
+        self._next = len(self._stamps)  # after which the next frame is sought
+        try:
+            packet = next(packet for packet in self._container.demux(self._stream) if packet.is_keyframe)
+            stored = [*packet.decode(), *decoder.decode(None)][0]  # pyright: ignore[reportUnknownMemberType]
+        except (StopIteration, IndexError, FFmpegError):
+            raise self._broken(number) from None
+        decoder.flush_buffers()
+        return self._taken(stored, bisect(self._stamps, stored.pts or 0) - 1)
+
+    def _stamp(self, number: int) -> int:
+        if not 0 <= number < len(self._stamps):
+            raise VideoError(f"'{self._path}' has frames 0 to {len(self._stamps) - 1}, and none of number {number}")
+        return self._stamps[number]
+
+    def _taken(self, stored: VideoFrame, number: int) -> Frame:
+        return replace(self._first, index=number, time=self.times[number], _stored=stored)
+
+    def _broken(self, number: int) -> VideoError:
         self.close()
         self._open()
-        raise VideoError(f"frame {number} of '{self._path}' can't be decoded; it may be damaged")
+        return VideoError(f"frame {number} of '{self._path}' can't be decoded; it may be damaged")

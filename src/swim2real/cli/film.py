@@ -101,8 +101,8 @@ def track(
     Reads videos (any codec, frame rate and rotation; a folder of numbered pictures, a pattern of their names such as
     frame_%04d.png, a TIFF of many pages) and the markers' places in one of their frames. Adds one trial per video to a
     reference folder, and to its folder tracks the track in pixels (.pixels.csv, DeepLabCut's format), an overlay video
-    (.mp4), a page to correct doubtful markers (.review.html) and the findings (.json). A marker that isn't visible is
-    lost, not guessed. With --midline a swimmer without markers is followed. Takes about twice as long as decoding.
+    (.mp4) and the findings (.json); `swim2real ui` shows what is doubtful, for corrections. A marker that isn't visible
+    is lost, not guessed. With --midline a swimmer without markers is followed. Takes about twice as long as decoding.
     After an interruption the same command continues.
 
     Args:
@@ -110,7 +110,7 @@ def track(
         settings: How they are tracked.
         markers: points.json of each video, in order (from `swim2real pick`), or auto to find the markers, which fails
             if glare or shadows leave a doubt; tags are taken in the order of their numbers.
-        corrections: File per video, saved by the page of doubtful stretches (NAME.corrections.json), or points of
+        corrections: File per video, saved by `swim2real ui` (NAME.corrections.json), or points of
             another frame: markers are followed from there in both directions, and correct positions are kept.
         frequency: Motor command in each video [Hz], if the names don't contain it. Only protocol paper needs it.
         begin: Track from this time of the video on [s], which becomes time 0 of the trial and its tables; one for all

@@ -1,7 +1,7 @@
 """From one video to a trial in a reference folder.
 
 Beside the trial's table, the folder `tracks` gets the track in pixels (a DeepLabCut table), an overlay video for a
-person to check it, a page on which doubtful stretches are corrected, and a report. The report is written last: with it
+person to check it, and a report. The report is written last: with it
 the video is done, and isn't tracked again as long as it, the points and the settings are the same.
 """
 
@@ -21,7 +21,7 @@ from pydantic import BaseModel
 
 from markertrack.camera_file import read_camera
 from markertrack.film import AUTO, HowToTrack, track_film
-from markertrack.following import FrameProgress, write_review
+from markertrack.following import FrameProgress
 from markertrack.span import WHOLE, Span
 from markertrack.video import film_files, film_name, film_title
 from swim2real.calibration import versions
@@ -181,13 +181,6 @@ def track_video(
     report_path.parent.mkdir(parents=True, exist_ok=True)
     report_path.unlink(missing_ok=True)  # it is of the track that is replaced now
     write_dlc(film.seen, names, report_path.with_suffix(".pixels.csv"))
-    page = report_path.with_suffix(".review.html")
-    page.unlink(missing_ok=True)
-    if settings.overlay:
-        again = f"swim2real track … --corrections {name}.corrections.json"
-        write_review(
-            source, film.seen, names, page, film.first, again, anchors=film.corrections, threads=threads, fps=fps
-        )
     add_trial(out, trial, names)
     report = TrackingReport.model_validate(
         rounded(

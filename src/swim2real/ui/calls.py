@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
@@ -13,15 +15,26 @@ from swim2real.calibration.loop import write_fit
 from swim2real.identification.identifiability import StudyProgress
 from swim2real.parameters import read_parameters
 from swim2real.report import write_report
+from swim2real.report.pages import inline_svg
+from swim2real.report.run import read_run
+from swim2real.report.run_charts import speeds
 from swim2real.trials import load_reference
-from swim2real.ui.fit import Fit
-from swim2real.ui.jobs import Job
+from swim2real.ui.fit import Fit, camera_of
+from swim2real.ui.jobs import Job, JobNow
 from swim2real.ui.marking import about_film, save, track
 from swim2real.ui.project import Project
 from swimbase.checking import FileName, Number, PathText
 from swimbase.errors import ArgumentError
 
-Call = Callable[[Project, Any], dict[str, Any] | bytes]
+Call = Callable[[Project, Any], object]
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A frame as JPEG, and its number."""
+
+    content: bytes
+    number: int
 
 
 class _Nothing(BaseModel, extra="forbid"):
@@ -35,9 +48,12 @@ class _OfFilm(BaseModel, extra="forbid"):
 
 
 class _OfRobot(_OfFilm):
-    """A film and the robot in it."""
+    """A film and the robot in it, the trial that was tracked in it, and whether its midline is followed."""
 
     robot: PathText
+    reference: PathText | None = None
+    trial: str | None = None
+    midline: bool = False
 
 
 class _Clicked(_OfFilm):
@@ -51,6 +67,7 @@ class _OfFrame(_OfFilm):
     """A frame of a film."""
 
     number: int = Field(ge=0)
+    early: bool = False
 
 
 class _OfFit(BaseModel, extra="forbid"):
@@ -61,6 +78,12 @@ class _OfFit(BaseModel, extra="forbid"):
     run: PathText | None = None
 
 
+class _OfTrial(_OfFit):
+    """A trial of a fit."""
+
+    trial: str
+
+
 class _OfValues(_OfFit):
     """Values of parameters, and the trial that is looked at."""
 
@@ -68,54 +91,73 @@ class _OfValues(_OfFit):
     trial: str | None = None
 
 
-class _Work(BaseModel, extra="forbid"):
+class _OfRun(BaseModel, extra="forbid"):
+    """A run."""
+
+    run: PathText
+
+
+class _Work(_OfRun):
     """What is done with a run."""
 
     kind: Literal["identify", "report", "export"]
-    run: PathText
 
 
 class _OfName(_OfValues):
     """Values that are kept under a name."""
 
     name: FileName
+    held: tuple[str, ...] = ()
+
+
+def _frame(project: Project, asked: _OfFrame) -> Picture:
+    film = project.place(asked.film)
+    if asked.early:
+        return Picture(*project.films.early(film, asked.number))
+    return Picture(project.films.picture(film, asked.number), asked.number)
 
 
 def _fit(project: Project, asked: _OfFit) -> Fit:
-    run = None if asked.run is None else project.folder(asked.run)
-    folder = project.folder(asked.reference)
+    folder, run = project.place(asked.reference), None if asked.run is None else project.place(asked.run)
     stamp = max((file.stat().st_mtime_ns for file in folder.glob("*.*")), default=0)
     key = (folder, asked.robot, run, stamp)
-    if project.fits.get("key") != key:
-        fit = Fit(folder, project.robot(asked.robot), run, project.root, project.films)
-        project.fits = {"key": key, "fit": fit}
-    return project.fits["fit"]
+    if project.fit is None or project.fit[0] != key:
+        for one in filter(None, (asked.reference, asked.run)):
+            project.folder(one)
+        project.fit = key, Fit(folder, project.robot(asked.robot), run, project.root, project.films)
+    return project.fit[1]
 
 
-def _search(project: Project, asked: _OfName) -> dict[str, Any]:
+def _scene(project: Project, asked: _OfTrial) -> dict[str, object]:
+    scene = _fit(project, asked).scene(asked.trial)
+    return vars(scene) if scene.film is None else {**vars(scene), **project.shown(scene.film)}
+
+
+def _search(project: Project, asked: _OfName) -> JobNow:
     fit, out = _fit(project, asked), _new(project, asked.name)
     title = f"search from here, into {out.name}"
-    return project.jobs.start("search", title, lambda job: fit.search(asked.values, out, job)).as_dict()
+    return project.jobs.start("search", title, lambda job: fit.search(asked.values, asked.held, out, job))
 
 
-def _keep(project: Project, asked: _OfName) -> dict[str, Any]:
+def _keep(project: Project, asked: _OfName) -> dict[str, str]:
     fit, path = _fit(project, asked), _new(project, f"{asked.name}.json")
     write_fit(path, fit.problem, fit.robot.space.check(asked.values))
     return {"said": f"{path.name} is written: evaluate, view and --first take it"}
 
 
-def _track(project: Project, asked: _OfRobot) -> dict[str, Any]:
-    film = project.place(asked.film)
-    title = f"tracking {film.name}"
-    return project.jobs.start("track", title, lambda job: track(project, film, asked.robot, job)).as_dict()
+def _track(project: Project, asked: _OfRobot) -> JobNow:
+    film, folder = project.place(asked.film), project.place(asked.reference or "reference")
+    robot, title = project.robot(asked.robot), f"tracking {film.name}"
+    work = partial(track, film, robot, folder, camera_of(film, project.root), asked.midline)
+    return project.jobs.start("track", title, work, film=asked.film)
 
 
-def _work(project: Project, asked: _Work) -> dict[str, Any]:
-    run = next((one for one in project.content()["runs"] if one["path"] == asked.run), {})
-    if not run.get("robot") or not run.get("reference"):
+def _work(project: Project, asked: _Work) -> JobNow:
+    folder = project.folder(asked.run)
+    run = project.run(folder)
+    if run.robot is None or run.reference is None:
         raise ArgumentError(f"'{asked.run}' is no run whose robot and trials are in this folder")
-    folder, robot = project.folder(asked.run), project.robot(run["robot"])
-    reference = load_reference(project.folder(run["reference"]))
+    robot, reference = project.robot(run.robot), load_reference(project.folder(run.reference))
 
     def identified(job: Job) -> str:
         def noted(progress: StudyProgress) -> None:
@@ -134,7 +176,7 @@ def _work(project: Project, asked: _Work) -> dict[str, Any]:
         return f"{asked.run}/{write_report(folder, robot).name} is written: open it in a browser"
 
     works = {"identify": identified, "export": exported, "report": reported}
-    return project.jobs.start(asked.kind, f"{asked.kind} {asked.run}", works[asked.kind]).as_dict()
+    return project.jobs.start(asked.kind, f"{asked.kind} {asked.run}", works[asked.kind])
 
 
 def _new(project: Project, name: str) -> Path:
@@ -144,20 +186,26 @@ def _new(project: Project, name: str) -> Path:
     return path
 
 
-def _ask(project: Project, asked: _OfValues) -> dict[str, Any]:
+def _ask(project: Project, asked: _OfValues) -> JobNow:
     fit = _fit(project, asked)
-    return project.jobs.start("ask", "what the advisor says", lambda job: fit.ask(asked.values, job)).as_dict()
+    return project.jobs.start("ask", "what the advisor says", lambda job: fit.ask(asked.values, job))
+
+
+def _speeds(project: Project, asked: _OfRun) -> dict[str, str]:
+    folder = project.folder(asked.run)
+    run = read_run(folder, project.robot(project.run(folder).robot or ""))
+    return {"svg": inline_svg(partial(speeds, run), "speeds")}
 
 
 CALLS: dict[str, tuple[type[BaseModel], Call]] = {
-    "GET project": (_Nothing, lambda project, asked: {**project.content(), "job": project.jobs.as_dict()}),
-    "GET job": (_Nothing, lambda project, asked: project.jobs.as_dict()),
+    "GET project": (_Nothing, lambda project, asked: {**vars(project.content()), "job": project.jobs.now()}),
+    "GET job": (_Nothing, lambda project, asked: project.jobs.now()),
     "POST stop": (_Nothing, lambda project, asked: project.jobs.stop()),
-    "GET film": (_OfRobot, lambda project, asked: about_film(project, project.place(asked.film), asked.robot)),
+    "GET film": (_OfRobot, lambda project, asked: about_film(project, **vars(asked))),
     "POST mark": (_Clicked, lambda project, asked: save(project.place(asked.film), asked.kind, asked.content)),
-    "POST track": (_OfRobot, _track), "POST work": (_Work, _work),
-    "GET frame": (_OfFrame, lambda project, asked: project.films.picture(project.place(asked.film), asked.number)),
-    "POST fit": (_OfFit, lambda project, asked: _fit(project, asked).about()),
+    "POST track": (_OfRobot, _track), "POST work": (_Work, _work), "GET frame": (_OfFrame, _frame),
+    "POST fit": (_OfFit, lambda project, asked: _fit(project, asked).about()), "POST scene": (_OfTrial, _scene),
     "POST simulate": (_OfValues, lambda project, asked: _fit(project, asked).simulated(asked.values, asked.trial)),
     "POST search": (_OfName, _search), "POST keep": (_OfName, _keep), "POST ask": (_OfValues, _ask),
+    "GET speeds": (_OfRun, _speeds),
 }  # fmt: skip

@@ -1,20 +1,56 @@
-"""Films on the page: frames as JPEG, points and corrections, the track of a film with its doubtful stretches."""
+"""Films on the page: their frames as JPEG, the last ones kept."""
 
 from __future__ import annotations
 
+import base64
 import threading
 from collections import OrderedDict
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import cv2
+import numpy as np
 
+from markertrack.tracking.tracker import Image
 from markertrack.video import SeekableFilm
+from swimbase.arrays import Array
 from swimbase.errors import VideoError
 
 _MOST_OPEN = 3  # films
 _MOST_BYTES = 64 << 20  # of pictures that are kept
+_LARGE = 3_000_000  # px of a picture, from which seeking is slow enough to be seen
+_SMALL, _OFF = 1280, 3.0  # width of a picture that is shown until then [px], and how far off it may be [s]
 _QUALITY = [cv2.IMWRITE_JPEG_QUALITY, 92, cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444]
+
+
+@dataclass(frozen=True)
+class OpenFilm:
+    """A film as the page has it.
+
+    Attributes:
+        width: Width of the upright picture [px].
+        height: Height of the upright picture [px].
+        fps: Mean number of frames per second.
+        frames: Number of frames.
+        times: Times of the frames since the first, `packed` [s].
+        large: Whether a smaller picture is shown until the exact frame is there.
+    """
+
+    width: int
+    height: int
+    fps: float
+    frames: int
+    times: str
+    large: bool
+
+
+def packed(numbers: Array) -> str:
+    """Numbers for the page: base64 of 32-bit floats."""
+    return base64.b64encode(numbers.astype("<f4").tobytes()).decode()
+
+
+def _jpeg(image: Image) -> bytes:
+    return cv2.imencode(".jpg", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), _QUALITY)[1].tobytes()
 
 
 class FilmCache:
@@ -26,11 +62,21 @@ class FilmCache:
         self._bytes = 0
         self._lock = threading.Lock()
 
-    def opened(self, path: Path) -> dict[str, Any]:
-        """Size, rate and number of frames of a film, ready for JSON."""
+    def opened(self, path: Path) -> OpenFilm:
+        """Size, rate and times of a film."""
         with self._lock:
             film, _ = self._film(path)
-            return {"width": film.size[0], "height": film.size[1], "fps": film.fps, "frames": len(film.times)}
+            times = packed(np.array(film.times))
+            return OpenFilm(*film.size, film.fps, len(film.times), times, film.size[0] * film.size[1] > _LARGE)
+
+    def early(self, path: Path, number: int) -> tuple[bytes, int]:
+        """A small picture near a frame, and its number: without decoding what lies between, unless it is far off."""
+        with self._lock:
+            film, _ = self._film(path)
+            frame = film.key_frame(number)
+            if film.times[number] - frame.time > _OFF:
+                frame = film.frame(number)
+            return _jpeg(frame.scaled(min(_SMALL, film.size[0]))), frame.index
 
     def picture(self, path: Path, number: int) -> bytes:
         """A frame as JPEG."""
@@ -40,8 +86,7 @@ class FilmCache:
             if place in self._pictures:
                 self._pictures.move_to_end(place)
                 return self._pictures[place]
-            image = cv2.cvtColor(film.frame(number).image, cv2.COLOR_RGB2BGR)
-            content = self._pictures[place] = cv2.imencode(".jpg", image, _QUALITY)[1].tobytes()
+            content = self._pictures[place] = _jpeg(film.frame(number).image)
             self._bytes += len(content)
             while self._bytes > _MOST_BYTES:
                 self._bytes -= len(self._pictures.popitem(last=False)[1])

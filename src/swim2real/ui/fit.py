@@ -7,7 +7,6 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -16,11 +15,11 @@ from markertrack.camera_file import read_camera
 from swim2real.advisor.choice import make_advisor
 from swim2real.calibration import Problem, Progress, RunFolder
 from swim2real.calibration.loop import write_fit
-from swim2real.identification.identifiability import study_of
+from swim2real.identification.identifiability import Interval, study_of
 from swim2real.objective import ComparedTrial, evidence
 from swim2real.objective.comparison import rounded
 from swim2real.optimizers import Candidate, Evaluation, Measurement, Situation
-from swim2real.parameters import Values, read_parameters
+from swim2real.parameters import Parameter, Values, read_parameters
 from swim2real.pipeline import calibrate
 from swim2real.pipeline.overlays import in_world, off_its_film
 from swim2real.rendering.trial_view import view_of
@@ -28,14 +27,68 @@ from swim2real.report import write_report
 from swim2real.robots.robot import Robot
 from swim2real.settings import PHYSICS, CalibrationSettings
 from swim2real.trials import load_reference
-from swim2real.ui.films import FilmCache
+from swim2real.ui.films import FilmCache, packed
 from swim2real.ui.jobs import Job
 from swimbase.arrays import Array
 from swimbase.errors import AdvisorError, RunError
 
 CAMERA = "camera.json"
-_GROUND, _MARGIN = (1280, 720), 0.1  # px of the ground that a trial without a film is drawn on, and share left around
+_GROUND, _SMALL = (1280, 720), (128, 56)  # px of the ground of a trial without a film, and of the small pictures
+_MARGIN, _INSTANTS = 0.1, 4  # share that is left around a trial on the ground; poses in a small picture
 _MOST_ASKED = 60  # measurements that an advisor may want before it proposes
+
+
+@dataclass(frozen=True)
+class About:
+    """Sliders, with what `identify` found of some, names of the trials and of those held out, values to begin with."""
+
+    parameters: list[Parameter]
+    intervals: dict[str, Interval]
+    trials: list[str]
+    held: list[str]
+    values: dict[str, float]
+
+
+@dataclass(frozen=True)
+class Scene:
+    """Picture that a trial is drawn on.
+
+    Attributes:
+        trial: Name of the trial.
+        film: Path of its film from the folder; None for the ground.
+        first: Number of its first frame in the film.
+        note: Finding that a person should know.
+        size: Width and height [px].
+        seconds: Duration [s].
+        markers: Number of markers.
+        real: Real places, `packed` [px]. Shape (T, M, 2).
+    """
+
+    trial: str
+    film: str | None
+    first: int
+    note: str
+    size: tuple[int, int]
+    seconds: float
+    markers: int
+    real: str
+
+
+@dataclass(frozen=True)
+class Simulated:
+    """Trials simulated with the sliders' values.
+
+    Attributes:
+        errors: Error of each [m].
+        diverged: Reason by name, of those that diverged.
+        small: Paths of the small picture of each, real and simulated; empty for one trial alone.
+        simulated: Places of the one trial, as those of its scene.
+    """
+
+    errors: dict[str, float | None]
+    diverged: dict[str, str]
+    small: dict[str, tuple[str, str]]
+    simulated: str = ""
 
 
 @dataclass
@@ -62,7 +115,7 @@ class Fit:
         self.robot.check_markers("draw")
         self.reference = reference
         self._lock = threading.Lock()
-        self._scenes: dict[int, tuple[Callable[[Array], Array], dict[str, Any]]] = {}
+        self._scenes: dict[int, tuple[Callable[[Array], Array], Scene]] = {}
         self.settings = CalibrationSettings()
         if self.run is not None:
             made = RunFolder(self.run).settings()
@@ -70,8 +123,8 @@ class Fit:
             self.settings = replace(self.settings, **{name: getattr(made, name) for name in names})
         self.problem = Problem.with_settings(self.robot, reference, self.settings)
 
-    def about(self) -> dict[str, Any]:
-        """Parameters with bounds and what is known of them, trials with their films, and the values to begin with."""
+    def about(self) -> About:
+        """Parameters with bounds and what is known of them, trials, and the values to begin with."""
         space, values = self.robot.space, self.robot.space.published
         study = None
         if self.run is not None:
@@ -79,18 +132,15 @@ class Fit:
             with suppress(RunError):  # one of an earlier version
                 study = study_of(RunFolder(self.run))
         intervals = study.intervals if study is not None and study.complete else {}
-        parameters = [
-            {
-                "name": one.name, "unit": one.unit, "low": one.lower, "high": one.upper, "offset": one.log_offset,
-                "meaning": one.meaning, "model": one.published,
-                **({"known": known.known, "interval": known.interval_95} if (known := intervals.get(one.name)) else {}),
-            }
-            for one in space
-        ]  # fmt: skip
-        trials = [{"name": trial.name, "held": trial.name in self.settings.hold_out} for trial in self.reference]
-        return {"parameters": parameters, "trials": trials, "values": values, "links": self.robot.links}
+        return About(
+            list(space), dict(intervals), list(self.reference.names), list(self.settings.hold_out), dict(values)
+        )
 
-    def simulated(self, values: Values, trial: str | None) -> dict[str, Any]:
+    def scene(self, trial: str) -> Scene:
+        """What a trial is drawn on."""
+        return self._scene(self.reference.names.index(self.reference[trial].name))[1]
+
+    def simulated(self, values: Values, trial: str | None) -> Simulated:
         """Trials simulated with values: the errors of all of them, or of one with what is drawn of it.
 
         Args:
@@ -105,60 +155,64 @@ class Fit:
         compared = [self.problem.protocol.compare(p.target, t) for p, t in zip(prepared, trials, strict=True)]
         errors = {one.name: rounded(view_of(one, self.robot).error) for one in compared}
         lost = {one.name: one.divergence for one in compared if one.divergence is not None}
-        answer: dict[str, Any] = {"errors": errors, "diverged": lost}
-        if trial is not None:
-            answer |= self._drawn(chosen[0], compared[0])
-        return answer
+        if trial is None:
+            small = {one.name: self._small(i, one) for i, one in enumerate(compared)}
+            return Simulated(errors, lost, small)
+        placed = _placed(compared[0], self._real(chosen[0]))
+        return Simulated(errors, lost, {}, packed(self._scene(chosen[0])[0](placed)))
 
-    def _drawn(self, index: int, compared: ComparedTrial) -> dict[str, Any]:
-        """Places of the markers on the trial's film, or on the ground where there is none [px]."""
-        real = self.reference.trials[index].track.positions[: len(compared.times)]
-        if index not in self._scenes:
-            self._scenes[index] = self._scene(index, real)
-        to_pixels, scene = self._scenes[index]
-        placed = in_world(compared, real) if compared.divergence is None else np.full_like(real, np.nan)
-        times = rounded(compared.times - compared.times[0])
-        return {**scene, "times": times, "simulated": places(to_pixels(placed))}
+    def _real(self, index: int) -> Array:
+        """Real positions of a trial as far as it is compared [m]. Shape (T, M, 2)."""
+        return self.reference.trials[index].track.positions[: len(self.problem.prepared[index].target.weights)]
 
-    def _scene(self, index: int, real: Array) -> tuple[Callable[[Array], Array], dict[str, Any]]:
+    def _small(self, index: int, compared: ComparedTrial) -> tuple[str, str]:
+        """Some instants of a trial, real and simulated, as the paths of a small picture."""
+        real = self._real(index)
+        instants = np.linspace(0, len(real) - 1, _INSTANTS).round().astype(int)
+        to_pixels = _ground(real, _SMALL)
+        return _path(to_pixels(real[instants])), _path(to_pixels(_placed(compared, real)[instants]))
+
+    def _scene(self, index: int) -> tuple[Callable[[Array], Array], Scene]:
         """Meters to pixels of the picture that a trial is drawn on, and what of it doesn't depend on a simulation."""
-        trial = self.reference.trials[index]
+        if index in self._scenes:
+            return self._scenes[index]
+        trial, real = self.reference.trials[index], self._real(index)
         film = None if trial.video is None else trial.video.resolve()
+        times = trial.track.times[: len(real)] - trial.track.times[0]
+        size, to_pixels, name, first, note = _GROUND, _ground(real, _GROUND), None, 0, ""
         if film is not None and film.is_relative_to(self.root) and film.is_file():
-            about, file = self.films.opened(film), camera_of(film, self.root)
-            size, known = (about["width"], about["height"]), None if file is None else read_camera(file)
+            about, file, name = (
+                self.films.opened(film),
+                camera_of(film, self.root),
+                film.relative_to(self.root).as_posix(),
+            )
+            size, known = (about.width, about.height), None if file is None else read_camera(file)
             to_pixels = fixed_camera(known, trial.meters_per_pixel, self.robot.marker_heights, size).to_pixels
-            first = round((trial.video_begin + float(trial.track.times[0])) * (trial.film_rate or about["fps"]))
+            first = round((trial.video_begin + float(trial.track.times[0])) * (trial.film_rate or about.fps))
             note = " ".join(off_its_film(trial, to_pixels(real), self.folder))
-            drawn = {"film": film.relative_to(self.root).as_posix(), "first": first, "note": note, "size": size}
-        else:
-            low, high = np.nanmin(real, axis=(0, 1)), np.nanmax(real, axis=(0, 1))
-            scale = (1 - 2 * _MARGIN) * float((np.array(_GROUND) / np.maximum(high - low, 1e-6)).min())
+        scene = Scene(trial.name, name, first, note, size, float(times[-1]), real.shape[1], packed(to_pixels(real)))
+        self._scenes[index] = to_pixels, scene
+        return to_pixels, scene
 
-            def to_pixels(positions: Array) -> Array:
-                return (positions - (low + high) / 2) * scale * [1, -1] + np.array(_GROUND) / 2
-
-            drawn = {"film": None, "first": 0, "note": "", "size": _GROUND}
-        return to_pixels, {"trial": trial.name, "real": places(to_pixels(real)), **drawn}
-
-    def search(self, values: Values, out: Path, job: Job) -> str:
-        """Calibrates from values on, into a run folder; a person's stop concludes the run."""
+    def search(self, values: Values, held: tuple[str, ...], out: Path, job: Job) -> str:
+        """Calibrates from values on, without trials held out, into a run folder; a person's stop concludes it."""
         first = out / "first.json"
         out.mkdir()
         write_fit(first, self.problem, self.robot.space.check(values))
 
         def noted(progress: Progress) -> None:
-            news = {} if not progress.improved else {"values": dict(progress.values), "best": 1e3 * progress.best}
-            job.note(done=progress.done, run=out.name, **news)
-            if job.stopping:
+            job.note(done=progress.done, run=out.name)
+            if progress.improved:
+                job.improved(1e3 * progress.best, progress.values)
+            if job.now.stopping:
                 progress.stop()
 
-        settings = replace(self.settings, first=str(first))
+        settings = replace(self.settings, first=str(first), hold_out=held)
         outcome = calibrate(
             self.reference, self.robot, settings, out, source=str(self.folder), on_progress=noted,
             on_warning=lambda line: job.note(warning=line),
         )  # fmt: skip
-        if not job.stopping:
+        if not job.now.stopping:
             write_report(out, self.robot)
         return f"run {out.name}: {outcome.verdict.sentence if outcome.verdict else 'done'}"
 
@@ -176,7 +230,7 @@ class Fit:
                 raise AdvisorError(
                     f"the advisor still has no proposal after {_MOST_ASKED} measurements; search instead"
                 )
-        job.note(proposed=space.to_values(advice.point))
+        job.note(values=dict(space.to_values(advice.point)))
         return " ".join(filter(None, (advice.diagnosis, advice.reasoning)))
 
     def _evaluated(self, candidate: Candidate) -> Evaluation:
@@ -190,7 +244,19 @@ def camera_of(film: Path, root: Path) -> Path | None:
     return next((one for one in (film.parent / CAMERA, root / CAMERA) if one.is_file() and not one.is_symlink()), None)
 
 
-def places(positions: Array) -> list[Any]:
-    """Places for JSON, None where unknown [px]. Shape (T, M, 2)."""
-    rows = np.round(positions, 1).tolist()
-    return [[place if place[0] == place[0] and place[1] == place[1] else None for place in row] for row in rows]
+def _placed(compared: ComparedTrial, real: Array) -> Array:
+    """Simulated positions laid over the real ones [m]; NaN where it diverged. Shape (T, M, 2)."""
+    return in_world(compared, real) if compared.divergence is None else np.full_like(real, np.nan)
+
+
+def _ground(real: Array, size: tuple[int, int]) -> Callable[[Array], Array]:
+    """Meters to pixels of a plain picture that holds a trial."""
+    low, high = np.nanmin(real, axis=(0, 1)), np.nanmax(real, axis=(0, 1))
+    scale = (1 - 2 * _MARGIN) * float((np.array(size) / np.maximum(high - low, 1e-6)).min())
+    return lambda positions: (positions - (low + high) / 2) * scale * [1, -1] + np.array(size) / 2
+
+
+def _path(poses: Array) -> str:
+    """Poses as the path of a picture. Shape (T, M, 2)."""
+    known = [pose[np.isfinite(pose[:, 0])].round(1).tolist() for pose in poses]
+    return "".join("M" + "L".join(f"{x} {y}" for x, y in pose) for pose in known if pose)

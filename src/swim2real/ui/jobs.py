@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from swimbase.errors import ArgumentError, Swim2RealError
@@ -12,42 +13,74 @@ from swimbase.errors import ArgumentError, Swim2RealError
 _MOST_BESTS = 400  # of a search's improvements, as the page draws them
 
 
-class Job:
-    """A piece of work and how far it is.
+@dataclass
+class JobNow:
+    """A job as the page shows it.
 
     Attributes:
         kind: Its name in the page's calls.
         title: What it does, for a person.
-        state: What is known of it; keys are those of the page.
+        number: By which a page knows a new one.
+        running: Whether it goes on.
         stopping: Whether a person has asked it to end.
+        seconds: How long it has taken [s].
+        done: Evaluations or frames that are done.
+        total: Of so many, where that is known.
+        bests: Improvements of a search: after how many evaluations, and the loss then [mm].
+        values: The best values, or an advisor's proposal once it has ended.
+        run: Name of the run that it makes.
+        film: Path of the film that is tracked.
+        places: Where the markers are in the newest frame, `packed` [px].
+        warning: A sentence that a person should read meanwhile.
+        said: What came of it.
+        fault: Why nothing came of it.
     """
 
-    def __init__(self, kind: str, title: str) -> None:
-        self.kind, self.title, self.stopping = kind, title, False
-        self.state: dict[str, Any] = {}
-        self._bests: list[tuple[int, float]] = []
-        self._began = time.monotonic()
-        self.done = threading.Event()
+    kind: str = ""
+    title: str = ""
+    number: int = 0
+    running: bool = False
+    stopping: bool = False
+    seconds: float = 0.0
+    done: int = 0
+    total: int | None = None
+    bests: list[tuple[int, float]] = field(default_factory=list[tuple[int, float]])
+    values: dict[str, float] | None = None
+    run: str = ""
+    film: str = ""
+    places: str = ""
+    warning: str = ""
+    said: str = ""
+    fault: str = ""
+
+
+class Job:
+    """A piece of work and how far it is.
+
+    Attributes:
+        now: What the page shows of it.
+        done: Set at its end.
+    """
+
+    def __init__(self, now: JobNow) -> None:
+        self.now, self.done = now, threading.Event()
+        self._began, self._lock = time.monotonic(), threading.Lock()
 
     def note(self, **known: Any) -> None:
-        """Takes what is new; `best` [mm] after `done` evaluations joins the convergence."""
-        if "best" in known:
-            if len(self._bests) >= _MOST_BESTS:
-                del self._bests[1::2]
-            self._bests.append((known["done"], known["best"]))
-        self.state = {**self.state, **known}
+        """Takes what is new, by the names of `JobNow`."""
+        with self._lock:  # the page's stop comes from another thread
+            if self.now.running:
+                self.now = replace(self.now, seconds=round(time.monotonic() - self._began), **known)
+
+    def improved(self, best: float, values: Mapping[str, float]) -> None:
+        """Takes the best values of a search and their loss [mm]."""
+        kept = self.now.bests if len(self.now.bests) < _MOST_BESTS else self.now.bests[::2]
+        self.note(bests=[*kept, (self.now.done, best)], values=dict(values))
 
     def heed(self) -> None:
         """Ends the work here if a person has asked for it, as Ctrl-C does."""
-        if self.stopping:
+        if self.now.stopping:
             raise KeyboardInterrupt
-
-    def as_dict(self) -> dict[str, Any]:
-        """The job as the page shows it."""
-        return {
-            "kind": self.kind, "title": self.title, "running": not self.done.is_set(), "stopping": self.stopping,
-            "seconds": round(time.monotonic() - self._began), "bests": self._bests[:], **self.state,
-        }  # fmt: skip
 
 
 class Jobs:
@@ -55,48 +88,51 @@ class Jobs:
 
     def __init__(self) -> None:
         self.last: Job | None = None
-        self.number = 0
         self._lock = threading.Lock()
 
-    def start(self, kind: str, title: str, work: Callable[[Job], str]) -> Job:
+    def start(self, kind: str, title: str, work: Callable[[Job], str], film: str = "") -> JobNow:
         """Starts a job.
 
         Args:
             kind: Its name in the page's calls.
             title: What it does.
             work: The work, which says at its end what came of it.
+            film: Path of the film that it tracks.
 
         Raises:
             ArgumentError: Another one is under way.
         """
         with self._lock:
-            if self.last is not None and not self.last.done.is_set():
-                raise ArgumentError(f"'{self.last.title}' is under way; one thing at a time: wait for it or stop it")
-            job = self.last = Job(kind, title)
-            self.number += 1
+            if self.last is not None and self.last.now.running:
+                raise ArgumentError(
+                    f"'{self.last.now.title}' is under way; one thing at a time: wait for it or stop it"
+                )
+            job = self.last = Job(JobNow(kind, title, self.now().number + 1, running=True, film=film))
 
         def run() -> None:
             try:
-                job.note(said=work(job))
+                end = {"said": work(job)}
             except KeyboardInterrupt:
-                job.note(said="stopped; begun again it goes on with what is there")
+                end = {"said": "stopped; begun again it goes on with what is there"}
             except (Swim2RealError, OSError) as error:
-                job.note(fault=str(error))
+                end = {"fault": str(error)}
             except Exception as error:
-                job.note(fault=f"unexpected {type(error).__name__}: {error}; the command shows more with --debug")
-            finally:
-                job.note(seconds=job.as_dict()["seconds"])
-                job.done.set()
+                end = {"fault": f"unexpected {type(error).__name__}: {error}; the command shows more with --debug"}
+            job.note(running=False, **end)
+            job.done.set()
 
         threading.Thread(target=run, name=kind, daemon=True).start()
-        return job
+        return self.now()
 
-    def stop(self) -> dict[str, Any]:
+    def stop(self) -> JobNow:
         """Asks the job to end."""
         if self.last is not None:
-            self.last.stopping = True
-        return self.as_dict()
+            self.last.note(stopping=True)
+        return self.now()
 
-    def as_dict(self) -> dict[str, Any]:
-        """The last job and its number, by which a page knows a new one."""
-        return {"number": self.number, **(self.last.as_dict() if self.last else {"running": False})}
+    def now(self) -> JobNow:
+        """The last job."""
+        if self.last is None:
+            return JobNow()
+        self.last.note()
+        return self.last.now

@@ -1,7 +1,8 @@
-"""A film's points, corrections and track, in the files of `pick`, `track` and the page of doubtful stretches."""
+"""A film's points, corrections and track, in the files of `pick` and `track`."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -12,10 +13,11 @@ from markertrack.following import FrameProgress
 from markertrack.points import MarkersFile
 from markertrack.video import film_name
 from swim2real.pipeline.tracking import TRACKS, TrackingReport, track_video
+from swim2real.robots.robot import Robot
 from swim2real.settings import TrackingSettings
 from swim2real.trials import load_reference
 from swim2real.trials.pose_tables import read_dlc
-from swim2real.ui.fit import camera_of, places
+from swim2real.ui.films import packed
 from swim2real.ui.jobs import Job
 from swim2real.ui.project import Project
 from swimbase.checking import check, read
@@ -23,38 +25,68 @@ from swimbase.errors import ArgumentError, TrackingError
 from swimbase.store import write_json, writing
 
 
-def about_film(project: Project, film: Path, robot: str) -> dict[str, Any]:
-    """A film as the page shows it: size, rate, markers, what was clicked, and the track where there is one."""
-    about, body = project.films.opened(film), project.robot(robot)
+@dataclass(frozen=True)
+class Tracked:
+    """Track of a film.
+
+    Attributes:
+        first: Number of its first frame in the film.
+        frames: Number of its frames.
+        positions: Places of the markers, `packed` [px]. Shape (T, M, 2).
+        stretches: First and last frame of each lost or doubtful stretch, which it is, and its markers.
+        findings: Sentences of its report.
+    """
+
+    first: int
+    frames: int
+    positions: str
+    stretches: list[tuple[int, int, str, tuple[int, ...]]]
+    findings: list[str]
+
+
+def about_film(
+    project: Project, film: str, robot: str, reference: str | None, trial: str | None, midline: bool
+) -> dict[str, object]:
+    """A film as the page shows it: its frames, markers, what was clicked, and the track where there is one.
+
+    Args:
+        project: The folder.
+        film: Path of the film.
+        robot: The robot in it.
+        reference: Path of the reference that its track is in; None without one.
+        trial: Name of the trial.
+        midline: Whether the ends of a midline are clicked.
+    """
+    path, body = project.place(film), project.robot(robot)
     clicked = {
-        kind: read(MarkersFile, path, kind, TrackingError).model_dump(exclude_unset=True) if path.is_file() else None
+        kind: read(MarkersFile, file, kind, TrackingError).model_dump(exclude_unset=True) if file.is_file() else None
         for kind in ("points", "corrections")
-        for path in [_file(film, kind)]
+        for file in [_file(path, kind)]
     }
-    along = np.linalg.norm(np.diff(body.rest_markers, axis=0), axis=1) if len(body.marker_names) else np.zeros(0)
+    shown, track = project.shown(film), None
+    if reference is not None and trial is not None:
+        track = _track(project.folder(reference), trial, project.films.opened(path).fps, body.marker_names)
+    kept = slice(None, None, max(len(body.marker_names) - 1, 1) if midline and track is None else 1)  # head and tail
+    along = np.linalg.norm(np.diff(body.rest_markers[kept], axis=0), axis=1) if body.marker_names else np.zeros(0)
     sketch = np.concatenate([[0.0], np.cumsum(along)]) / max(float(along.sum()), 1e-9)
-    listed = project.film(film)
-    track = _track(project, listed, about["fps"], body.marker_names) if "reference" in listed else None
-    names = {"names": list(body.marker_names), "places": sketch.round(4).tolist()}
-    return {**about, **clicked, **names, "video": film.name, "track": track}
+    names = {"names": body.marker_names[kept], "places": sketch.round(4).tolist()}
+    return {**shown, **clicked, **names, "video": path.name, "track": track}
 
 
-def _track(project: Project, listed: dict[str, Any], fps: float, names: tuple[str, ...]) -> dict[str, Any] | None:
-    folder = project.folder(listed["reference"])
-    table, page = (folder / TRACKS / f"{listed['trial']}.{kind}" for kind in ("pixels.csv", "json"))
+def _track(folder: Path, trial: str, fps: float, names: tuple[str, ...]) -> Tracked | None:
+    table, page = (folder / TRACKS / f"{trial}.{kind}" for kind in ("pixels.csv", "json"))
     if not table.is_file() or not page.is_file():
         return None
     track, there = read_dlc(table, fps)
     if there != names:
         return None
-    begin = load_reference(folder)[listed["trial"]].video_begin
-    stretches = [(one.first, one.last, one.reason, list(one.markers)) for one in find_stretches(track)]
+    begin = load_reference(folder)[trial].video_begin
+    stretches = [(one.first, one.last, one.reason, one.markers) for one in find_stretches(track)]
     findings = read(TrackingReport, page, "report of a track", TrackingError).findings
-    first, found = round(begin * fps), places(track.positions)
-    return {"first": first, "positions": found, "stretches": stretches, "findings": findings, **listed}
+    return Tracked(round(begin * fps), track.frame_count, packed(track.positions), stretches, findings)
 
 
-def save(film: Path, kind: str, content: dict[str, Any]) -> dict[str, Any]:
+def save(film: Path, kind: str, content: dict[str, Any]) -> dict[str, str]:
     """Writes points or corrections beside the film, as `track` takes them."""
     path = _file(film, kind)
     checked = check(MarkersFile, content, kind, TrackingError)
@@ -63,15 +95,23 @@ def save(film: Path, kind: str, content: dict[str, Any]) -> dict[str, Any]:
     return {"said": f"{path.name} is saved"}
 
 
-def track(project: Project, film: Path, robot: str, job: Job) -> str:
-    """Tracks a film from its points, around its corrections where there are any, into the reference of its trial."""
-    listed = project.film(film)
-    folder = project.folder(listed.get("reference", "reference"))
-    page, camera = folder / TRACKS / f"{film_name(film)}.json", camera_of(film, project.root)
+def track(film: Path, robot: Robot, folder: Path, camera: Path | None, midline: bool, job: Job) -> str:
+    """Tracks a film from its points, around its corrections where there are any, into a reference folder.
+
+    Args:
+        film: Path of the film.
+        robot: Robot in it.
+        folder: Reference folder.
+        camera: Path of the camera file.
+        midline: Whether a midline is followed.
+        job: Where it says how far it is.
+    """
+    page = folder / TRACKS / f"{film_name(film)}.json"
     if page.is_file():
         before = read(TrackingReport, page, "report of a track", TrackingError)
         begun = load_reference(folder)[before.trial].video_begin
-        if before.tracker != "detection" or before.rate_from == "given" or begun:
+        midline = before.tracker == "midline"
+        if before.tracker not in ("detection", "midline") or before.rate_from == "given" or begun:
             raise ArgumentError(
                 f"'{film.name}' was tracked with options that the page doesn't have; go on with `swim2real track` and "
                 f"--corrections {_file(film, 'corrections').name}"
@@ -80,10 +120,12 @@ def track(project: Project, film: Path, robot: str, job: Job) -> str:
 
     def noted(progress: FrameProgress) -> None:
         job.note(done=progress.done, total=progress.total, **({"warning": progress.note} if progress.note else {}))
+        if progress.positions is not None:
+            job.note(places=packed(progress.positions))
         job.heed()
 
     report = track_video(
-        film, points if points.is_file() else "auto", project.robot(robot), TrackingSettings(camera=camera), folder,
+        film, points if points.is_file() else "auto", robot, TrackingSettings(camera=camera, midline=midline), folder,
         corrections=corrections if corrections.is_file() else None, on_progress=noted,
     ).report  # fmt: skip
     lost = max(report.lost_share, default=0.0)

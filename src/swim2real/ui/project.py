@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import hmac
 import os
+import secrets
 import tomllib
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from urllib.parse import quote
 
 from swim2real.calibration import RunFolder
 from swim2real.calibration.run_folder import SETTINGS
@@ -16,12 +18,55 @@ from swim2real.robots import ROBOTS, load_robot
 from swim2real.robots.robot import Robot
 from swim2real.trials.reference import FILMS, INDEX, Index
 from swim2real.ui.films import FilmCache
+from swim2real.ui.fit import Fit
 from swim2real.ui.jobs import Jobs
 from swimbase.checking import read
 from swimbase.errors import ArgumentError, Swim2RealError, TrialError
 
 _DEEPEST, _MOST = 4, 5000  # folders into which is looked, and files
 _LARGEST_ROBOT = 4 << 20  # bytes of a robot file
+
+
+@dataclass(frozen=True)
+class ListedFilm:
+    """A film in the list: whether it has points, and the trial that was tracked in it."""
+
+    path: str
+    points: bool
+    reference: str | None = None
+    trial: str | None = None
+
+
+@dataclass(frozen=True)
+class ListedReference:
+    """A reference in the list, and the films of its trials by name."""
+
+    path: str
+    trials: dict[str, str | None]
+
+
+@dataclass(frozen=True)
+class ListedRun:
+    """A run in the list; without robot, reference and values where it can't be read."""
+
+    path: str
+    robot: str | None = None
+    reference: str | None = None
+    usable: bool = False
+    error: float | None = None
+    verdict: str | None = None
+
+
+@dataclass(frozen=True)
+class Content:
+    """What is in a folder; `taken` are the names that a new file can't have."""
+
+    folder: str
+    films: list[ListedFilm]
+    references: list[ListedReference]
+    runs: list[ListedRun]
+    robots: list[str]
+    taken: list[str]
 
 
 @dataclass
@@ -32,13 +77,15 @@ class Project:
         root: The folder, resolved.
         jobs: What is under way.
         films: Films that are open.
-        fits: The fit that is open, and what it is of.
+        secret: By it the addresses of films are sealed.
+        fit: The fit that is open, after what it is of.
     """
 
     root: Path
     jobs: Jobs = field(default_factory=Jobs)
     films: FilmCache = field(default_factory=FilmCache)
-    fits: dict[str, Any] = field(default_factory=dict[str, Any])
+    secret: bytes = field(default_factory=lambda: secrets.token_bytes(24), repr=False)
+    fit: tuple[object, Fit] | None = None
 
     def __post_init__(self) -> None:
         if not self.root.is_dir():
@@ -74,38 +121,53 @@ class Project:
         """The path of something from the folder."""
         return path.resolve().relative_to(self.root).as_posix()
 
-    def content(self) -> dict[str, Any]:
-        """What is there: paths from the folder, with what the page shows of each.
+    def shown(self, film: str) -> dict[str, object]:
+        """A film as the page shows it: size, rate and times of its frames, and the address for the browser's player."""
+        about = self.films.opened(self.place(film))
+        return {**vars(about), "address": f"/film/{self.seal(film)}/{quote(film)}"}
 
-        Films are listed with the files of their points and corrections and the trial that was tracked in them.
-        """
-        films: dict[str, dict[str, Any]] = {}
-        references: list[dict[str, Any]] = []
-        runs: list[dict[str, Any]] = []
+    def seal(self, name: str) -> str:
+        """What the address of a film has beside its path, so that nobody else knows it."""
+        return hmac.new(self.secret, name.encode(), "sha256").hexdigest()
+
+    def content(self) -> Content:
+        """What is there: paths from the folder, with what the page shows of each."""
+        films: dict[str, ListedFilm] = {}
+        references: list[ListedReference] = []
+        runs: list[ListedRun] = []
         robots = list[str]()
         for path in self._files():
             folder = path.parent
             if path.name == INDEX:
-                references.append({"path": self.name(folder), "trials": self._trials(folder)})
+                references.append(ListedReference(self.name(folder), self._trials(folder)))
             elif path.name == SETTINGS and (folder / "record.jsonl").is_file():
-                runs.append({"path": self.name(folder), **_run(folder, self)})
+                runs.append(self.run(folder))
             elif path.suffix.lower() in FILMS and not (folder.parent / INDEX).is_file():
-                films[self.name(path)] = {"points": path.with_suffix(".points.json").is_file()}
+                films[self.name(path)] = ListedFilm(self.name(path), path.with_suffix(".points.json").is_file())
             elif path.suffix == ".toml" and _is_robot(path):
                 robots.append(self.name(path))
         for reference in references:
-            for trial in reference["trials"]:
-                if trial["film"] in films:
-                    films[trial["film"]] |= {"reference": reference["path"], "trial": trial["name"]}
-        return {
-            "folder": self.root.name, "films": [{"path": path, **film} for path, film in films.items()],
-            "references": references, "runs": runs, "robots": [*robots, *ROBOTS],
-            "taken": sorted({path.stem for path in self.root.iterdir()}),
-        }  # fmt: skip
+            for trial, film in reference.trials.items():
+                if film in films:
+                    films[film] = replace(films[film], reference=reference.path, trial=trial)
+        taken = sorted({path.stem for path in self.root.iterdir()})
+        return Content(self.root.name, list(films.values()), references, runs, [*robots, *ROBOTS], taken)
 
-    def film(self, path: Path) -> dict[str, Any]:
-        """What the list has of a film; nothing of one that isn't in it."""
-        return next((one for one in self.content()["films"] if one["path"] == self.name(path)), {})
+    def run(self, folder: Path) -> ListedRun:
+        """A run in the list: robot, reference, and how it ended."""
+        try:
+            run = RunFolder(self.folder(str(folder)))
+            settings, outcome = run.settings(), run.outcome()
+        except Swim2RealError:
+            return ListedRun(self.name(folder))
+        file = None if settings.robot_file is None else (folder / settings.robot_file).resolve()
+        robot = settings.robot if file is None else self.name(file) if file.is_relative_to(self.root) else None
+        reference = (folder / settings.reference).resolve()
+        fit, verdict = (None, None) if outcome is None else (outcome.fit, outcome.verdict)
+        return ListedRun(
+            self.name(folder), robot, self.name(reference) if reference.is_relative_to(self.root) else None,
+            (folder / BEST).is_file(), None if fit is None else fit.error, None if verdict is None else verdict.kind,
+        )  # fmt: skip
 
     def _files(self) -> Iterator[Path]:
         """Files in the folder, in order, without hidden ones and links to folders."""
@@ -120,35 +182,16 @@ class Project:
                 if name[0] != "." and path.resolve().is_relative_to(self.root):
                     yield path
 
-    def _trials(self, folder: Path) -> list[dict[str, Any]]:
+    def _trials(self, folder: Path) -> dict[str, str | None]:
         try:
             index = read(Index, folder / INDEX, "reference", TrialError)
         except Swim2RealError:  # it is reported when it is opened
-            return []
+            return {}
         films = [None if trial.video is None else (folder / trial.video).resolve() for trial in index.trials]
-        return [
-            {"name": trial.name, "film": self.name(film) if film and film.is_relative_to(self.root) else None}
+        return {
+            trial.name: self.name(film) if film and film.is_relative_to(self.root) else None
             for trial, film in zip(index.trials, films, strict=True)
-        ]
-
-
-def _run(folder: Path, project: Project) -> dict[str, Any]:
-    """A run in the list: robot, reference, and how it ended."""
-    try:
-        run = RunFolder(project.folder(str(folder)))
-        settings, outcome = run.settings(), run.outcome()
-    except Swim2RealError as error:
-        return {"fault": str(error)}
-    file = None if settings.robot_file is None else (folder / settings.robot_file).resolve()
-    reference = (folder / settings.reference).resolve()
-    inside = [path for path in (file, reference) if path is not None and path.is_relative_to(project.root)]
-    fit, verdict = (None, None) if outcome is None else (outcome.fit, outcome.verdict)
-    return {
-        "robot": settings.robot if file is None else project.name(file) if file in inside else None,
-        "reference": project.name(reference) if reference in inside else None,
-        "usable": (folder / BEST).is_file(), "error": None if fit is None else fit.error,
-        "verdict": None if verdict is None else verdict.kind,
-    }  # fmt: skip
+        }
 
 
 def _is_robot(path: Path) -> bool:

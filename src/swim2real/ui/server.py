@@ -18,14 +18,17 @@ import sys
 import tempfile
 import webbrowser
 from collections.abc import Callable, Mapping
+from contextlib import suppress
+from mimetypes import guess_type
 from pathlib import Path
 from typing import Any
 
 from tornado.httpserver import HTTPServer
+from tornado.iostream import StreamClosedError
 from tornado.web import Application, HTTPError, RequestHandler
 
 from markertrack.pages import filled
-from swim2real.ui.calls import CALLS
+from swim2real.ui.calls import CALLS, Picture
 from swim2real.ui.project import Project
 from swimbase.checking import check
 from swimbase.errors import ArgumentError, Swim2RealError
@@ -33,6 +36,8 @@ from swimbase.errors import ArgumentError, Swim2RealError
 ADDRESS = "127.0.0.1"
 _LOCAL = re.compile(r"(localhost|127\.0\.0\.1|\[::1\])(:[0-9]{1,5})?")  # also of the near end of a tunnel
 _MOST_BODY, _MOST_HEADER = 1 << 20, 1 << 14  # bytes
+_PART = 1 << 18  # bytes of a film that are read at a time
+_BEGIN = re.compile(r"bytes=([0-9]{1,18})-([0-9]{0,18})")
 _HEADERS = {
     "Content-Security-Policy": "frame-ancestors 'none'", "X-Content-Type-Options": "nosniff",
     "Referrer-Policy": "no-referrer", "Cache-Control": "no-store", "Cross-Origin-Resource-Policy": "same-origin",
@@ -68,7 +73,7 @@ class _Page(_Guarded):
 
     def get(self) -> None:
         template = Path(__file__).parent / "ui.html"
-        self.finish(filled(template, "swim2real ui", "", {}, allowed=" blob:; connect-src 'self'"))
+        self.finish(filled(template, "swim2real ui", "", {}, allowed=" blob:; connect-src 'self'; media-src 'self'"))
 
 
 class _Call(_Guarded):
@@ -102,9 +107,39 @@ class _Call(_Guarded):
             self.set_status(400)
             self.finish({"error": str(error)})
             return
-        if isinstance(answer, bytes):
+        if isinstance(answer, Picture):
             self.set_header("Content-Type", "image/jpeg")
-        self.finish(answer)
+            self.set_header("X-Frame", str(answer.number))
+            self.finish(answer.content)
+            return
+        self.set_header("Content-Type", "application/json")
+        self.finish(json.dumps(answer, default=vars, allow_nan=False))
+
+
+class _Film(_Guarded):
+    """A film for the browser's own player, which sends no header: its address has a secret, of this film alone."""
+
+    async def get(self, secret: str, name: str) -> None:
+        if not secrets.compare_digest(secret.encode(), self.project.seal(name).encode()):
+            raise HTTPError(403)
+        with self.project.place(name).open("rb") as file:
+            size = os.fstat(file.fileno()).st_size
+            begin = _BEGIN.match(self.request.headers.get("Range", ""))
+            first, last = (int(begin[1]), min(int(begin[2] or size), size - 1)) if begin else (0, size - 1)
+            if first > last:
+                raise HTTPError(416)
+            self.set_status(206 if begin else 200)
+            self.set_header("Content-Type", guess_type(name)[0] or "video/mp4")
+            self.set_header("Content-Length", str(last + 1 - first))
+            self.set_header("Accept-Ranges", "bytes")
+            if begin:
+                self.set_header("Content-Range", f"bytes {first}-{last}/{size}")
+            file.seek(first)
+            with suppress(StreamClosedError):  # the player has what it wants
+                while first <= last and (part := await asyncio.to_thread(file.read, min(_PART, last + 1 - first))):
+                    first += len(part)
+                    self.write(part)
+                    await self.flush()
 
 
 def listening(port: int) -> list[socket.socket]:
@@ -140,7 +175,7 @@ async def serve(
         logging.getLogger(log).setLevel(logging.CRITICAL)
     token = token or secrets.token_urlsafe(24)
     given: Mapping[str, Any] = {"token": token, "project": project}
-    app = Application([(r"/", _Page, given), (r"/api/([a-z]+)", _Call, given)])
+    app = Application([(r"/", _Page, given), (r"/api/([a-z]+)", _Call, given), (r"/film/([\w-]+)/(.+)", _Film, given)])
     server = HTTPServer(app, max_body_size=_MOST_BODY, max_buffer_size=2 * _MOST_BODY, max_header_size=_MOST_HEADER)
     server.add_sockets(sockets)
     try:
