@@ -54,7 +54,7 @@ def ui(folder: Positional[Path] = Path(), *, port: int = 0, no_browser: bool = F
     job = project.jobs.last
     if job is not None and not job.done.is_set():
         project.jobs.stop()
-        tell(f"ending '{job.title}'; what it has done is kept. Ctrl-C again doesn't wait")
+        tell(f"ending '{job.now.title}'; what it has done is kept. Ctrl-C again doesn't wait")
         job.done.wait()
     return 0
 
