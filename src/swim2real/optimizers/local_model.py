@@ -36,7 +36,7 @@ _SPEED = 0.01  # m/s, the size of a margin
 _TURNED = 0.5  # m, a loss that only an evaluation has that goes the wrong way somewhere
 
 Slopes = Callable[[Evaluation], Array]
-Kernel = tuple[float, float, float]
+_Kernel = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ class _Process:
 
     away: Array
     metric: Array
-    kernel: Kernel
+    kernel: _Kernel
     solved: Array
     inverse: Array
     scales: Array
@@ -63,7 +63,7 @@ class _Process:
     def of(cls, away: Array, changes: Array, metric: Array) -> _Process:
         """The process with the highest evidence, from changes (N, n) after steps (N, d)."""
         products, size = np.einsum("in,jn->ij", changes, changes), len(away)
-        tried: list[tuple[float, Kernel, tuple[Array, bool]]] = []
+        tried: list[tuple[float, _Kernel, tuple[Array, bool]]] = []
         for kernel in product(_LENGTHS, _STEEPNESS if metric.any() else (0.0,), _ROUGHNESS):
             covariance = _covariance(away, away, metric, kernel) + kernel[2] ** 2 * np.eye(size)
             factor = cho_factor(covariance, lower=True)
@@ -74,7 +74,7 @@ class _Process:
         return cls._conditioned(away, changes, metric, kernel, np.asarray(cho_solve(factor, np.eye(size))))
 
     @classmethod
-    def _conditioned(cls, away: Array, changes: Array, metric: Array, kernel: Kernel, inverse: Array) -> _Process:
+    def _conditioned(cls, away: Array, changes: Array, metric: Array, kernel: _Kernel, inverse: Array) -> _Process:
         solved = np.einsum("ij,jn->in", inverse, changes)
         scales = np.maximum(np.einsum("in,in->n", changes, solved), 0.0) / (len(away) - 2)  # Student's variance
         return cls(away, metric, kernel, solved, inverse, scales)
@@ -119,7 +119,7 @@ def _near(steps: Array, length: float) -> Array:
     return np.exp(-0.5 * np.square(steps / length).sum(axis=1))
 
 
-def _covariance(here: Array, there: Array, metric: Array, kernel: Kernel) -> Array:
+def _covariance(here: Array, there: Array, metric: Array, kernel: _Kernel) -> Array:
     """Covariance of the changes after steps (N, d) and (K, d), all of which are from one rough point. Shape (N, K)."""
     length, steepness, rough = kernel
     inner = here @ there.T
