@@ -93,9 +93,7 @@ def joined(forth: tuple[Array, Array], back: tuple[Array, Array], radii: Array) 
         for first, end in runs(kept):
             begun = end == len(certain) - 1 and certain[-1]
             if begun or (near & known)[first:end].any():  # else nothing says that it is this marker
-                confirmed[first + 1 : end - 1] = (
-                    True  # where it is lost next, the last place isn't confirmed by another
-                )
+                confirmed[first + 1 : end - 1] = True  # not where it is lost next: no other place confirms that one
         fill = kept & ~known & confirmed
         positions[fill, m], confidence[fill, m] = back[0][fill, m], back[1][fill, m]
         confidence[~known & ~fill, m] = np.minimum(confidence[~known & ~fill, m], DOUBT)
