@@ -154,11 +154,9 @@ class Instruments:
         hint = f" Little is known of {listed(unknown)}: {_cost(unknown)}." if unknown else ""
         if not order:
             return f"no step along these, at most {reach:.2g} of each range, promises anything.{hint}"
-        moved = [names[i] for i in order[:_LARGEST]]
-        values = ", ".join(f"{name} {old[name]:.4g} → {new[name]:.4g}" for name in moved)
-        rest = f", and {len(order) - _LARGEST} smaller changes" if len(order) > _LARGEST else ""
-        expected = self._predicted(model, point)
-        return f"at most {reach:.2g} of each range, {values}{rest}.{hint}\n\nExpected: {expected}"
+        values = ", ".join(f"{names[i]} {old[names[i]]:.4g} → {new[names[i]]:.4g}" for i in order)
+        stay = "" if model.predict(point).loss < model.base.loss else " That is no better than to stay."
+        return f"at most {reach:.2g} of each range, {values}.{hint}\n\nExpected:{stay} {self._predicted(model, point)}"
 
 
 def effects_table(model: LocalModel, space: ParameterSpace) -> str:

@@ -153,7 +153,10 @@ def reply_schema(space: ParameterSpace, bounds: bool = False, several: bool = Fa
     properties: dict[str, object] = {name: {"type": "string", "description": text} for name, text in texts.items()}
     properties |= {
         "parameters": _object(numbers),
-        "probe": {"type": "boolean", "description": "true: only measure these values, don't go there"},
+        "probe": {
+            "type": "boolean",
+            "description": "true: only measure these values, then be asked again; better ones become the current point",
+        },
         "measure": {
             "type": "array",
             "items": {"type": "string"},
@@ -172,6 +175,7 @@ def reply_schema(space: ParameterSpace, bounds: bool = False, several: bool = Fa
             "additionalProperties": {"type": "number"},
             "description": "weights of trials and parts in solve; mostly empty",
         },
+        "radius": {"type": ["number", "null"], "description": "share of each range that a solved step may go at most"},
         "effects": {"type": "boolean", "description": "true: show the effects that this run has shown, at no cost"},
     }
     if several:
