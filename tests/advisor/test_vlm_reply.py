@@ -104,6 +104,7 @@ def test_the_schema_asks_for_every_parameter_in_order_and_says_bounds_only_when_
         "predict",
         "solve",
         "weigh",
+        "radius",
         "effects",
     ]
     assert schema["properties"]["parameters"]["required"] == list(FISH.space.names)
