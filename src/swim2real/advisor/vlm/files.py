@@ -61,7 +61,7 @@ class FilesClient:
             WaitingForReply: There is no reply, and the client was made not to wait.
             AdvisorError: The disk failed.
         """
-        turn = f"_turn_{request.turn}" if request.turn > 1 else ""
+        turn = f"_turn_{request.turn:02d}" if request.turn > 1 else ""
         folder = self._folder / f"round_{request.round:03d}{turn}"
         began = time.monotonic()
         with writing(folder, AdvisorError, "make room or allow writing, --resume goes on"):

@@ -94,7 +94,7 @@ class Instruments:
 
     def _predicted(self, model: LocalModel, point: Array) -> str:
         expected, here = model.predict(point), model.base.candidate.point
-        parts = [f"a loss of {_mm(expected.loss)} ± {1e3 * expected.std:.1f}"]
+        parts = [f"a loss of {_mm(expected.loss)} ± {1e3 * expected.std:.1f}, of which what isn't known is a part"]
         if expected.margins.size:
             least = int(np.argmin(expected.margins))
             parts.append(
