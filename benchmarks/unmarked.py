@@ -3,7 +3,7 @@
     python benchmarks/unmarked.py fish|snake FOLDER [BUDGET [SEED|hidden]]
 
 Each swim of the demo's fish, or of the snake in `examples/snake`, is filmed with its markers and with a body of one
-tone. Both films are tracked and calibrated with one budget. Either result is then simulated against the true motion of
+tone. Both films are tracked and calibrated with one BUDGET, without one until the search is done. Either result is then simulated against the true motion of
 the markers, which no camera saw. A search begins where its SEED says, or at the hidden values: the minimum near those
 tells what the films determine, however far a search comes. What is in the folder already is used again.
 """
@@ -87,7 +87,7 @@ CASES = {
     "snake": Case(
         make_data.ROBOT, make_data.HIDDEN, make_data.CAMERA,
         lambda folder, camera, robot: make_data.LAB.film(make_data.takes(), camera, make_data.LINK_HALF_WIDTH, folder),
-        _snake_truth, lambda budget: CalibrationSettings(budget=budget or 150, seed=2),
+        _snake_truth, lambda budget: CalibrationSettings(budget=budget, seed=2),
     ),
 }  # fmt: skip
 
@@ -124,7 +124,7 @@ def main(name: str, out: Path, budget: int | None, search: str) -> None:
     write_json(
         start, {"format": 1, "robot": case.robot.name, "parameters": case.hidden, "engine": "mujoco", "physics": {}}
     )
-    settings = case.settings(budget)
+    settings = replace(case.settings(budget), budget=budget)
     settings = replace(settings, first=str(start)) if search == "hidden" else replace(settings, seed=int(search))
     space, truth = case.robot.space, Problem.with_settings(case.robot, case.truth(), settings)
     errors: dict[str, np.ndarray] = {}
