@@ -3,9 +3,10 @@
     python benchmarks/unmarked.py fish|snake FOLDER [BUDGET [SEED|hidden]]
 
 Each swim of the demo's fish, or of the snake in `examples/snake`, is filmed with its markers and with a body of one
-tone. Both films are tracked and calibrated with one BUDGET, without one until the search is done. Either result is then simulated against the true motion of
-the markers, which no camera saw. A search begins where its SEED says, or at the hidden values: the minimum near those
-tells what the films determine, however far a search comes. What is in the folder already is used again.
+tone. Both films are tracked and calibrated with one BUDGET, without one until the search is done. Either result is then
+simulated against the true motion of the markers, which no camera saw. A search begins where its SEED says, or at the
+hidden values: the minimum near those tells what the films determine, however far a search comes. What is in the folder
+already is used again.
 """
 
 from __future__ import annotations
