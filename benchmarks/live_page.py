@@ -9,6 +9,8 @@ import statistics
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 import psutil
 from playwright.sync_api import Page, sync_playwright
@@ -95,23 +97,27 @@ def measure(page: Page, server: int) -> None:
     told(f"film, any frame: near it {first:.0f} ms, itself {exact:.0f} ms", *used)
 
 
-def main(folder: str) -> None:
+@contextmanager
+def opened(folder: str, height: int = 900, script: str = "") -> Iterator[tuple[Page, int]]:
+    """The page of a folder in Chromium, with a script of one's own, and the server's process."""
     command = [sys.executable, "-u", "-m", "swim2real", "ui", folder, "--no-browser"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server, sync_playwright() as started:
         assert server.stdout is not None
         line = server.stdout.readline()
         chromium = started.chromium.launch(executable_path="/usr/bin/chromium", args=["--no-sandbox"])
-        page = chromium.new_page(viewport={"width": 1280, "height": 900})
+        page = chromium.new_page(viewport={"width": 1280, "height": height})
         page.set_default_timeout(180_000)
+        page.add_init_script(script)
         page.goto(line[line.index("http://") :].strip())
         page.locator("#at:has-text('s')").wait_for()
-        time.sleep(3)
         try:
-            measure(page, server.pid)
+            yield page, server.pid
         finally:
             chromium.close()
             server.terminate()
 
 
 if __name__ == "__main__":
-    main(sys.argv[1])
+    with opened(sys.argv[1]) as (page, server):
+        time.sleep(3)
+        measure(page, server)
