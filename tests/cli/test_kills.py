@@ -87,14 +87,14 @@ def survives(
     killed, rng, place, given = 0, random.Random(command), out / "killed", out / "given"
     if place.exists():  # what the command begins with
         shutil.copytree(place, given)
-    for attempt in range(3 * KILLS):
+    for _ in range(3 * KILLS):
         mark = uuid.uuid4().hex
         monkeypatch.setenv("SWIM2REAL_TEST", mark)
         more = [resume] if resume and (place / begun).exists() else []
         started = start(*words(place), *more)
         if killed < KILLS:
             try:  # a first part of the time is spent on imports
-                started.wait(duration * rng.uniform(0.3, 0.9 if attempt < KILLS else 0.6))
+                started.wait(duration * rng.uniform(0.3, 0.9))
             except subprocess.TimeoutExpired:
                 os.kill(started.pid, signal.SIGKILL)
                 killed += 1
@@ -106,7 +106,8 @@ def survives(
         assert started.returncode in (0, -signal.SIGKILL), err
         if started.returncode == 0 and killed == KILLS:
             break
-        if started.returncode == 0:  # it was quicker than the one in peace: anew
+        if started.returncode == 0:  # it was quicker than the one in peace: anew, and sooner
+            duration *= 0.8
             shutil.rmtree(place)
             if given.exists():
                 shutil.copytree(given, place)
