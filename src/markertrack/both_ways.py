@@ -15,7 +15,7 @@ import numpy as np
 
 from markertrack.quality import DOUBTFUL, runs
 from markertrack.tracking.markers import MarkerTracker
-from markertrack.tracking.tracker import AGREE, DOUBT, Array, Mask, Tracker
+from markertrack.tracking.tracker import DOUBT, Array, Mask, Tracker, contradict
 from markertrack.video import Frame, most_frames
 
 SETTLED = 5  # frames in which all markers are certain, after which a break is over
@@ -83,7 +83,7 @@ def joined(forth: tuple[Array, Array], back: tuple[Array, Array], radii: Array) 
     """
     positions, confidence = forth[0].copy(), forth[1].copy()
     between = np.linalg.norm(forth[0] - back[0], axis=2)
-    apart = between > np.maximum(AGREE[0] * radii, AGREE[1])
+    apart = contradict(forth[0], back[0], radii)
     for m in range(positions.shape[1]):
         certain, again, other = forth[1][:, m] >= DOUBTFUL, back[1][:, m] >= DOUBTFUL, apart[:, m]
         known = certain & ~_refuted(certain, again, other)

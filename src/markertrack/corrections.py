@@ -22,7 +22,7 @@ from markertrack.points import Anchor
 from markertrack.quality import DOUBTFUL
 from markertrack.track import MarkerTrack
 from markertrack.tracking.free import APART, FreeTracker
-from markertrack.tracking.tracker import AGREE, DOUBT, Array, Image, Mask
+from markertrack.tracking.tracker import DOUBT, Array, Image, Mask, contradict
 from swimbase.errors import TrackingError
 
 GAP = 5  # frames between two failures of a marker that are one stretch
@@ -170,8 +170,7 @@ class Gap:
         """Places and confidence from one stop to the next, by both ways."""
         forth, back = ((way.places[part].copy(), way.sure[part].copy()) for way in (self.forth, self.back))
         for (places, sure), at, stop in ((forth, -1, end), (back, 0, begin)):  # where a way arrives
-            off = float(np.hypot(*(places[at] - self.known[stop]))) if stop in self.known else np.nan
-            if sure[at] >= DOUBTFUL and off > max(AGREE[0] * self.radius, AGREE[1]):
+            if stop in self.known and sure[at] >= DOUBTFUL and contradict(places[at], self.known[stop], self.radius):
                 sure[:] = np.minimum(sure, DOUBT)  # at another marker: nobody knows since when
         for at, stop in ((0, begin), (-1, end)):
             for places, sure in (forth, back):

@@ -18,7 +18,7 @@ from markertrack.tracking.colors import OwnColors
 from markertrack.tracking.flow import RIM, Flow, Moves, Picture
 from markertrack.tracking.looks import LIKE, Looks, squares
 from markertrack.tracking.spots import Spots
-from markertrack.tracking.tracker import AGREE, DOUBT, REASONS, Array, Image, Mask, check_order, inside
+from markertrack.tracking.tracker import DOUBT, REASONS, Array, Image, Mask, check_order, contradict, inside
 
 CERTAIN, RIGHT, LIKELY = 1.0, 0.9, 0.8  # confidence by spot, own spot, spot elsewhere
 MOST_OFF = 1.0, 0.1  # px, or radii, by which a marker's points may disagree
@@ -201,7 +201,7 @@ class FreeTracker:
             reach = NEAR[0] * self.radii[m] + 1 if carried[m] else 1.5 if chosen[m] >= 0 else nearby
             peak, score, only = self._picture(image, m, place, reach)
             own = carried[m] and not self._lost[m] and score > SAME
-            own = own and np.hypot(*(peak - place)) < max(AGREE[0] * self.radii[m], AGREE[1])
+            own = own and not contradict(peak, place, self.radii[m])
             if own and self._colors.are_at(image, m, place, self.radii[m]):
                 positions[m], confidence[m] = peak if self.radii[m] < SMALL else place, RIGHT
                 if score < SURELY:

@@ -18,7 +18,7 @@ from markertrack.tracking.labeling import find_blobs
 from markertrack.tracking.patches import Patches
 from markertrack.tracking.spots import SpotFinder, Spots, streak_lengths
 from markertrack.tracking.tags import dictionary_at
-from markertrack.tracking.tracker import AGREE, Array, Image, Mask, check_points
+from markertrack.tracking.tracker import Array, Image, Mask, check_points, contradict
 from swimbase.errors import TrackingError
 
 OWN_AREAS = (0.4, 2.4)  # of a disc of a marker's radius, within which a spot at its point is the marker
@@ -281,8 +281,7 @@ def _contradicted(own: _Own, measured: list[_Own]) -> Mask:
     out = np.zeros(len(own.areas), dtype=bool)
     for other in measured:
         radii = np.sqrt(np.minimum(own.areas, other.areas) / np.pi)
-        apart = np.linalg.norm(own.centers - other.centers, axis=1) > np.maximum(AGREE[0] * radii, AGREE[1])
-        out |= (other.solidity > 0) & apart
+        out |= (other.solidity > 0) & contradict(own.centers, other.centers, radii)
     return out
 
 

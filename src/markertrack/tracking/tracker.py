@@ -73,6 +73,11 @@ def check_order(time: float, last: float) -> None:
         raise TrackingError(f"frame time {time:.4f} s isn't after the last one; call start() first, then in order")
 
 
+def contradict(first: Array, second: Array, radii: Array | float) -> Mask:
+    """Whether two opinions on where markers are contradict each other. Shapes (..., 2) twice, (...), (...)."""
+    return np.asarray(np.linalg.norm(first - second, axis=-1) > np.maximum(AGREE[0] * np.asarray(radii), AGREE[1]))
+
+
 def inside(places: Array, image: Image) -> Mask:
     """Whether places are in a picture. Shapes (..., 2), (...)."""
     return np.asarray(((places >= 0) & (places <= np.array(image.shape[1::-1]) - 1)).all(axis=-1))

@@ -26,7 +26,7 @@ _KNOWN = 0.5  # share of a parameter's effect that evaluations tell of, below wh
 _LATELY = 3  # evaluations that are looked back on
 _WRONG, _SHRINK = 2.0, 0.5  # standard deviations that count as wrong; of the radius, after three wrong in a row
 _EFFECT = 0.1  # of a parameter's range, over which effects are shown
-_LARGEST = 8  # changes of a solved step that are listed
+_LARGEST = 8  # parameters of which little is known that are listed
 _MOVED = 1e-3  # of a range, below which nothing was changed
 _PARTS = ("progress", "shape", "recoil")
 
