@@ -240,14 +240,19 @@ def test_stages_of_the_residual_begin_without_progress_and_end_with_the_loss(poo
     lost = replace(found, trials=tuple(replace(t, weights=t.weights * (np.arange(9) != 7)) for t in found.trials))
     residual, weights = lost.residual_stages()[-1]
     assert np.sum((residual * weights) ** 2) == pytest.approx(lost.loss, rel=0.02)
-    assert len(stages) == (2 if protocol == "paper" else 4)
+    assert len(stages) == (2 if protocol == "paper" else 8)
     if protocol == "paper":
         return
+    lengths = [float(np.linalg.norm(trial.residual_vector())) for trial in found.trials]
+    assert squares[3] == pytest.approx(np.exp(np.mean(np.log(lengths))))  # the geometric mean
+    for k in range(3):
+        np.testing.assert_array_equal(stages[k][0], stages[4 + k][0])
+    stages, squares = stages[4:], squares[4:]
     shape = np.mean([np.mean(np.square(t.shape_residual[t.weights > 0]).sum(axis=1)) for t in found.trials])
     assert squares[0] == pytest.approx(shape) if protocol == "aligned" else squares[0] > shape
     far = [replace(t.progress, simulated=t.progress.simulated + 50.0) for t in found.trials]
     trials = tuple(replace(t, progress=way) for t, way in zip(found.trials, far, strict=True))
-    moved = replace(found, trials=trials).residual_stages()
+    moved = replace(found, trials=trials).residual_stages()[4:]
     np.testing.assert_array_equal(moved[0][0], stages[0][0])
     added = float(np.linalg.norm(moved[1][0] * moved[1][1])) - squares[1] ** 0.5
     assert 0.02 < added < 0.01 * np.log1p(60 / 0.01)  # of 50 m

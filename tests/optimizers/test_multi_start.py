@@ -146,3 +146,26 @@ def test_a_start_that_is_known_to_be_good_is_followed_before_the_others_are_eval
     assert {note.get("start", 1) for note in notes(told[:begun])} == {1}
     assert any(note.get("last") for note in notes(told[:begun]))
     np.testing.assert_array_equal(points(told[begun : begun + 5]), starts[1:])
+
+
+def decoyed(point, leads):
+    """Stages of two trials; the second one's residual is least far from the goal, but for a narrow space around it."""
+    first = 0.1 * linear(point)
+    near = np.abs(point - GOAL).max() < 0.05
+    second = (point - GOAL) if near else 0.3 + np.abs(point - np.array([0.9, 0.2, 0.1]))
+    whole = np.concatenate([first, second])
+    lengths = np.maximum([np.linalg.norm(first), np.linalg.norm(second)], 1e-3)
+    weights = [np.repeat(one, D) for one in ((1.0, 1e-3), np.sqrt(np.sqrt(np.prod(lengths))) / lengths)]
+    led = [(whole, weights[0])] * 3 + [(whole, weights[1])]
+    return (*(led if leads else []), *staged(*[whole] * 4))
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+@pytest.mark.parametrize("leads", [False, True])
+def test_trials_that_are_explained_lead_to_where_others_are_explained_as_well(leads, seed):
+    def answer(i, candidate):
+        stages = decoyed(candidate.point, leads)
+        return Evaluation(candidate, float(np.linalg.norm(stages[-1][0])), stages=stages)
+
+    told = answered(MultiStart([MIDDLE, np.full(D, 0.2)], streams(seed)[1]), 300, answer)
+    assert (lowest(told) < 0.01) == leads

@@ -195,6 +195,8 @@ class _Steady(Protocol[Simulator]):
             trial, swim.quality.weights, actuation.frequency, swim.beat.frequency, horizon, self.whole_motion
         )
         request = simulator.request(trial, actuation, lead)
+        if target.head is not None:
+            request = replace(request, turn_rate=target.head.turn_rate)
         return PreparedTrial(trial, target, request, swim.summary(robot.marker_names))
 
 

@@ -178,7 +178,8 @@ def import_tracks(
     """Make trials of other programs' tracks: tables of DeepLabCut, SLEAP, or others with columns NAME.x and NAME.y.
 
     Also SLEAP's analyses (.h5) and movement's data sets (.nc). With --midline of midlines: of trackter and fishmechr
-    (rows of frame, point, x, y), TRex (its posture npz), and WormTracer (NAME_x.csv, with NAME_y.csv beside it).
+    (rows of frame, point, x, y), TRex (the npz of its setting output_posture_data), and WormTracer (NAME_x.csv, with
+    NAME_y.csv beside it).
 
     Args:
         tables: Tables, one per trial, in pixels; their frames are counted from the video's first, 0.

@@ -84,19 +84,34 @@ class Comparison:
         The last two are the residual vector, as it is and weighted such that its squares add up to the loss. In all but
         the first of several follow how far swims that no trial shows stay behind and how near they are to turning, so
         that a search sees where trials turn before they do. Shapes (n_k,) twice.
+
+        Where there are four, four more precede them, in which some trials lead: the first three with less weight of
+        those that turn by themselves, as a model does within narrow bounds only; and the residual vector, weighted such
+        that its squares add up to the geometric mean of the trials' errors, which gives up no trial that is explained
+        for others that aren't.
         """
+        by_trial = [trial.residual_stages() for trial in self.trials]
+        led = len(by_trial[0]) > 2
+        if led:
+            errors = np.maximum([np.linalg.norm(one[-2][0]) for one in by_trial], LEAST_DISTANCE)
+            agreed = np.sqrt(np.exp(np.log(errors).mean())) / errors
+            by_trial = [
+                (*((r, trial.straightness * w) for r, w in one[:-1]), (one[-2][0], share * one[-2][1]), *one)
+                for trial, one, share in zip(self.trials, by_trial, agreed, strict=True)
+            ]
         stages: list[tuple[Array, Array]] = []
-        for parts in zip(*(trial.residual_stages() for trial in self.trials), strict=True):
+        for parts in zip(*by_trial, strict=True):
             residuals, weights = zip(*parts, strict=True)
             stages.append((np.concatenate(residuals) / np.sqrt(len(parts)), np.concatenate(weights)))
         if self.unfilmed:
             added = np.array([*(swim.behind for swim in self.unfilmed), *(swim.near_turning for swim in self.unfilmed)])
             mean = 1 / np.sqrt(np.maximum(np.abs(added), LEAST_DISTANCE))
             added = added / np.sqrt(len(self.trials))
-            flat = [np.ones_like(added)] * (len(stages) - 2) + [mean]
-            stages[1:] = [
-                (np.append(residual, added), np.append(weights, more))
-                for (residual, weights), more in zip(stages[1:], flat, strict=True)
+            flat = [np.ones_like(added)] * (len(stages) - 1) + [mean]
+            bodies = (0, 4) if led else (0,)
+            stages = [
+                one if k in bodies else (np.append(one[0], added), np.append(one[1], more))
+                for k, (one, more) in enumerate(zip(stages, flat, strict=True))
             ]
         return tuple(stages)
 

@@ -23,6 +23,7 @@ LossFigure = Literal["motion_error", "aligned_marker_error", "marker_error"]
 
 FAILED_LOSS = 1.0  # m, the loss of a simulation that diverged: finite and of physical size
 PROGRESS_SCALE = 0.01  # m, of a difference in progress; beyond it only its logarithm counts in a search's middle stage
+_TURNING = 0.1  # of its yaw: a swim that turns by as much in a beat counts half where straight ones lead
 LEAST_DISTANCE = 1e-3  # m, below which a distance counts by its square in a search's last stage
 TAIL_FIRST_LOSS = 0.5  # m, more than the loss of anything that goes forward, whatever it is
 
@@ -265,6 +266,14 @@ class ComparedTrial:
         easing = PROGRESS_SCALE / length * np.log1p(length / PROGRESS_SCALE) if length > 0 else 1.0
         weights = np.concatenate([np.ones_like(body), np.full_like(along, easing)])
         return (body, np.ones_like(body)), (np.concatenate([body, along]), weights), *ends
+
+    @property
+    def straightness(self) -> float:
+        """Weight of a trial by how little of its yaw it turns in a beat; 1 where that isn't known."""
+        if self.head is None or self.frequency is None:
+            return 1.0
+        turn = abs(self.head.real.turn_rate) / self.frequency
+        return 1 / (1 + (turn / (_TURNING * self.head.real.yaw_beat.amplitude)) ** 2)
 
     def residual_parts(self) -> list[tuple[str, int]]:
         """Part and number of entries of what follows one another in the stage before the last two, or in the first."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Mapping, Sequence
 from itertools import count
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -37,6 +37,23 @@ _TYPICAL = 15  # evaluations per parameter until the first end, as progress is r
 Start: TypeAlias = tuple[int, Evaluation]
 
 
+class _Order(NamedTuple):
+    """Indices of stages: of the body alone, the last eased one, those between, and the last."""
+
+    body: int
+    eased: int
+    whole: tuple[int, ...]
+    last: int
+
+
+def _orders(count: int) -> list[_Order]:
+    """Orders in which a number of stages are gone through, as `Comparison.residual_stages` has them."""
+    if count < 4:
+        return [_Order(0, 0, (max(count - 2, 0),), count - 1)]
+    every = _Order(count - 4, count - 3, (count - 2,), count - 1)
+    return [every, _Order(0, 1, (2, 3), count - 1)][: 1 + (count > 4)]
+
+
 class MultiStart(Optimizer):
     """Goes down from several starts, best first, on one stage of the residual after the other.
 
@@ -48,8 +65,11 @@ class MultiStart(Optimizer):
     choose first, begin with the last eased stage, as all do where there is no other. The best of a group is followed to
     its end: the whole residual on points far apart, which see past what is rough, then the last stage on points close
     together. From an end that is the best so far the way is gone again, and then its last part, as long as that lowers
-    it. When no start is left, new ones are random. The search is done when another start isn't worth its evaluations,
-    or after a large number of them.
+    it. A third kind of group, with the start of the best end once more, goes through the stages in which some trials
+    lead, and on from its end whether it is the best or not: trials that can be explained bring the search to where
+    those are explained that no step leads to. When
+    no start is left, new ones are random. The search is done when another start isn't worth its evaluations, or after a
+    large number of them.
     """
 
     needs_residual = True
@@ -76,8 +96,8 @@ class MultiStart(Optimizer):
         self._brief, self._patient = (SMOOTH, SMOOTH) if smooth else (BRIEF, PATIENT)
         self._starts, self._rng = [cube_point(start, self.dimension) for start in starts], rng
         self._waiting, self._numbers = dict[int, Evaluation](), count()
-        self._eased = 0  # index of the last stage before the whole residual; of that where there is none
-        self._search, self._followed = self._run(), dict[int, Evaluation]()
+        self._orders = _orders(1)
+        self._search, self._begun, self._followed = self._run(), dict[int, Evaluation](), dict[int, Evaluation]()
         self._batch: deque[Candidate] = deque()
         self._told: list[Evaluation] = []
         self._sizes, self._led, self._made, self._ended = sizes or Sizes(), led, 0, 0
@@ -113,7 +133,7 @@ class MultiStart(Optimizer):
         if not evaluation.stages and not evaluation.failed:
             raise OptimizerError("tell() got an evaluation without stages of its residual, which multi-start needs")
         if evaluation.stages:
-            self._eased = max(len(evaluation.stages) - 3, 0)
+            self._orders = _orders(len(evaluation.stages))
         self._told.append(evaluation)
         self._made += 1
         if self._made >= self._most and not self.conclusion:
@@ -125,24 +145,29 @@ class MultiStart(Optimizer):
         begun = yield [Candidate(first, {"source": "first point"}), *starts[: 0 if self._led else None]]
         if self._led:
             if not begun[0].failed:
-                yield from self._follow([(1, begun[0])])
+                yield from self._follow([(1, begun[0])], self._orders[0])
             begun = (yield starts) if starts else []
         self._waiting = {number: one for number, one in enumerate(begun, 1 + self._led) if not one.failed}
         self._numbers = count(len(self._starts) + 1)
         while True:
-            swimming = yield from self._taken(_EASED, self._eased)
-            yield from self._follow(swimming)
-            if self._eased > 0:
-                bodies = yield from self._taken(_BODIES, 0)
-                yield from self._follow([(yield from self._formed(bodies))])
+            every, *led = self._orders
+            yield from self._follow((yield from self._taken(_EASED, every.eased)), every)
+            for order in led:
+                others = yield from self._taken(_EASED - 1, order.eased)
+                best = min(self._followed, key=lambda number: self._followed[number].loss)
+                yield from self._follow([(next(self._numbers), self._begun[best]), *others], order)
+            if every.eased > every.body:
+                bodies = yield from self._taken(_BODIES, every.body)
+                yield from self._follow([(yield from self._formed(bodies))], every)
 
-    def _follow(self, begun: list[Start]) -> Search[None]:
+    def _follow(self, begun: list[Start], order: _Order) -> Search[None]:
         """Eases starts, and goes to the end with the best of them."""
-        reached = yield from together([self._ease(*one) for one in begun])
+        reached = yield from together([self._ease(*one, order) for one in begun])
         number, points = min(reached, key=lambda one: one[1].squares[0])
-        end = self._followed[number] = yield from self._to_the_end(points, {"start": number})
-        if end.loss <= min(self.ends):
-            yield from self._deeper(end, number)
+        self._begun[number] = dict(begun)[number]
+        end = self._followed[number] = yield from self._to_the_end(points, {"start": number}, order)
+        if end.loss <= min(self.ends) or order != self._orders[0]:
+            yield from self._deeper(end, number, order)
         self._ended = self._made
         self.conclusion = self.conclusion or conclusion(self.ends, self._sizes)
 
@@ -156,7 +181,7 @@ class MultiStart(Optimizer):
         number, points = formed[0]
         alike = yield from points.alike(_ALIKE * self.dimension, self._rng, {"start": number})
         known = [one for one in (points.best, *alike) if not one.failed]
-        return number, min(known, key=lambda one: squares(one, self._eased))
+        return number, min(known, key=lambda one: squares(one, self._orders[0].eased))
 
     def _taken(self, wanted: int, stage: int) -> Search[list[Start]]:
         """The starts that are lowest in a stage, or random ones where none are left."""
@@ -175,33 +200,33 @@ class MultiStart(Optimizer):
 
     def _form(self, number: int, base: Evaluation, radius: float) -> Search[tuple[int, Surrounded]]:
         points = yield from surround(base, radius, {"start": number})
-        yield from go_down(points, 0, EXACT, {"start": number}, _FORMING_TRUST)
+        yield from go_down(points, self._orders[0].body, EXACT, {"start": number}, _FORMING_TRUST)
         return number, points
 
-    def _ease(self, number: int, base: Evaluation) -> Search[tuple[int, Surrounded]]:
+    def _ease(self, number: int, base: Evaluation, order: _Order) -> Search[tuple[int, Surrounded]]:
         points = yield from surround(base, _START_RADIUS, {"start": number})
-        yield from go_down(points, self._eased, self._brief, {"start": number}, _WIDE_RADIUS)
+        yield from go_down(points, order.eased, self._brief, {"start": number}, _WIDE_RADIUS)
         return number, points
 
-    def _to_the_end(self, points: Surrounded, note: Mapping[str, Any]) -> Search[Evaluation]:
-        whole = max(len(points.best.stages) - 2, 0)
-        base = yield from go_down(points, whole, self._patient, note)
-        return (yield from self._to_the_bottom(base, note))
+    def _to_the_end(self, points: Surrounded, note: Mapping[str, Any], order: _Order) -> Search[Evaluation]:
+        for stage in order.whole:
+            yield from go_down(points, stage, self._patient, note)
+        return (yield from self._to_the_bottom(points.best, note, order))
 
-    def _to_the_bottom(self, base: Evaluation, note: Mapping[str, Any]) -> Search[Evaluation]:
+    def _to_the_bottom(self, base: Evaluation, note: Mapping[str, Any], order: _Order) -> Search[Evaluation]:
         points = yield from surround(base, _CLOSE_RADIUS, note)
-        return (yield from go_down(points, len(base.stages) - 1, EXACT, {**note, "last": True}, _WIDE_RADIUS))
+        return (yield from go_down(points, order.last, EXACT, {**note, "last": True}, _WIDE_RADIUS))
 
-    def _all_the_way(self, base: Evaluation, note: Mapping[str, Any]) -> Search[Evaluation]:
+    def _all_the_way(self, base: Evaluation, note: Mapping[str, Any], order: _Order) -> Search[Evaluation]:
         points = yield from surround(base, _WIDE_RADIUS, note)
-        yield from go_down(points, self._eased, self._brief, note)
-        return (yield from self._to_the_end(points, note))
+        yield from go_down(points, order.eased, self._brief, note)
+        return (yield from self._to_the_end(points, note, order))
 
-    def _deeper(self, best: Evaluation, number: int) -> Search[None]:
-        """Goes all the way again from the best end of all, then to the bottom, each as long as that pays."""
+    def _deeper(self, best: Evaluation, number: int, order: _Order) -> Search[None]:
+        """Goes all the way again from an end, then to the bottom, each as long as that pays."""
         for way, worthwhile in ((self._all_the_way, _WORTHWHILE), (self._to_the_bottom, _DEEPER)):
             before = np.inf
             while best.loss < worthwhile * before:
                 before = best.loss
-                end = yield from way(best, {"start": number})
+                end = yield from way(best, {"start": number}, order)
                 best = self._followed[number] = min(best, end, key=lambda one: one.loss)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Literal, get_args
@@ -51,11 +51,14 @@ class Swim:
         name: Name of the simulated trial.
         actuation: With a start speed the swim is a steady cycle, repeated; without one it starts from rest.
         duration: Duration from motor angle `actuation.phase` on [s].
+        turn_rate: Turn of the real course [rad/s]. A symmetric robot that turns by itself may turn either way, by how
+            it starts: where its cycle turns the other way, it is simulated from the opposite motor angle as well.
     """
 
     name: str
     actuation: Actuation
     duration: float
+    turn_rate: float = 0.0
 
 
 class Simulator:
@@ -162,12 +165,12 @@ class Simulator:
                 track = self._from_rest(model, fast, swim, speed)
                 note = "from rest"
             else:
-                stepper = Stepper(model, self.robot, actuation.start_speed, speed, 0.0, fast)
+                begin = partial(Stepper, model, self.robot, actuation.start_speed, speed, fast=fast)
                 if self._full_length:
-                    track, first_beats = self._at_length(stepper, swim)
+                    track, first_beats = self._at_length(begin(motor_angle=0.0), swim)
                     note = "at full length"
                 else:
-                    track, first_beats, note = self._steady_cycle(stepper, swim)
+                    track, first_beats, note = self._steady_cycle(begin, swim)
                 if actuation.start_speed:
                     first_beats = None
         except _DivergedError as error:
@@ -177,9 +180,13 @@ class Simulator:
         provenance = f"{self.engine.name}, {step} step, {note}"
         return Trial(swim.name, track, actuation.frequency, provenance=provenance, first_beats=first_beats)
 
-    def _steady_cycle(self, stepper: Stepper, swim: Swim) -> tuple[MarkerTrack, float, str]:
+    def _steady_cycle(self, begin: Callable[..., Stepper], swim: Swim) -> tuple[MarkerTrack, float, str]:
         period = swim.actuation.period
-        cycle = steady_cycle(stepper, period)
+        cycle = steady_cycle(begin(motor_angle=0.0), period)
+        length = float(np.ptp(self.robot.rest_markers, axis=0).max())
+        if cycle.turn * swim.turn_rate < 0 and length * abs(cycle.turn) > _SHAPE_TOLERANCE:
+            other = steady_cycle(begin(motor_angle=np.pi), period)
+            cycle = min(cycle, other, key=lambda one: abs(one.turn - swim.turn_rate * period))
         note = f"steady cycle after {cycle.cycles:.2f} periods"
         lead = swim.actuation.phase / (2 * np.pi) % 1.0 * period
         times, markers = cycle.unroll(int(np.ceil((lead + swim.duration) / period)))
@@ -232,6 +239,12 @@ class Cycle:
     cycles: float
     first_beats: float = 0.0
 
+    @property
+    def turn(self) -> float:
+        """Angle by which it turns from its start to its end [rad]."""
+        first, last = frames.body_axes(self.markers[[0, -1]])
+        return float(np.arctan2(first[0] * last[1] - first[1] * last[0], first @ last))
+
     def unroll(self, count: int) -> tuple[Array, Array]:
         """The swim that repeats this cycle, each one starting where and how the last one ended.
 
@@ -241,11 +254,7 @@ class Cycle:
         Returns:
             Times [s], shape (count P + 1,), and positions [m], shape (count P + 1, M, 2), heading along -x at first.
         """
-        samples = len(self.markers) - 1
-        heads, axes = frames.heads(self.markers), frames.body_axes(self.markers)
-        turn = np.arctan2(
-            axes[0, 0] * axes[-1, 1] - axes[0, 1] * axes[-1, 0], axes[0] @ axes[-1]
-        )  # from the start of a cycle to its end
+        samples, heads, turn = len(self.markers) - 1, frames.heads(self.markers), self.turn
         step = heads[-1] - heads[0]
         local = self.markers[:-1] - heads[0]
         pieces: list[Array] = []
@@ -264,13 +273,13 @@ def steady_cycle(stepper: Stepper, period: float) -> Cycle:
     Cycles are counted by the motor's angle, not by time: under load the motor turns a little slower than it should.
 
     Args:
-        stepper: Fresh, with its motor at angle 0.
+        stepper: Fresh.
         period: Period of the motor [s].
 
     Raises:
         DivergedError: The engine gave up.
     """
-    end = max(0.5, np.ceil(2 * _SETTLING_TIME / period) / 2) + 1.0  # turns
+    end = stepper.turns_begun + max(0.5, np.ceil(2 * _SETTLING_TIME / period) / 2) + 1.0  # turns
     swim, change_before, first_beats = _run_to(None, stepper, period, end), None, None
     while True:
         first, last = _instant(swim, end - 1), _instant(swim, end)
@@ -294,8 +303,9 @@ def steady_cycle(stepper: Stepper, period: float) -> Cycle:
 
 def _first_beats(swim: Chunk, period: float) -> float:
     """Forward speed over the first two turns of the motor, or fewer where there are fewer [m/s]."""
-    turns = min(2.0, float(swim.turns[-1]))
-    way = np.interp([0.0, turns], swim.turns, swim.markers[:, :, 0].mean(axis=1))  # the head points to -x
+    begun = float(swim.turns[0])
+    turns = min(2.0, float(swim.turns[-1]) - begun)
+    way = np.interp([begun, begun + turns], swim.turns, swim.markers[:, :, 0].mean(axis=1))  # the head points to -x
     return float(way[0] - way[1]) / (turns * period)
 
 
@@ -307,7 +317,7 @@ def settling_turns(frequency: float, start_speed: float | None = None) -> float:
 def _run_to(swim: Chunk | None, stepper: Stepper, period: float, turns: float) -> Chunk:
     """Simulates until the motor has made so many turns, and a few steps more."""
     wanted = turns + _MARGIN_STEPS * stepper.timestep / period
-    made = 0.0
+    made = stepper.turns_begun
     for _ in range(_MOTOR_TRIES):
         if swim is not None:
             made = float(swim.turns[-1])

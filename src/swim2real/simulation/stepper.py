@@ -133,6 +133,7 @@ class Stepper:
         self._surge = [int(model.joint(name).dofadr[0]) for name in robot.swims.surge_joints]
         (self._drive,) = robot.trials.controls.values()
         self._speed, self._angle, self._motor = motor_speed, motor_angle, None
+        self.turns_begun = motor_angle / (2 * np.pi)
         if robot.swims.motor_joint is not None:
             motor = model.joint(robot.swims.motor_joint)
             self._motor = int(motor.qposadr[0])

@@ -25,8 +25,9 @@ _X_TABLE = re.compile(r"(.*_)x(_rev)?(\.\w+)")
 _POSTURE = ("frames", "midline_points", "midline_lengths")  # arrays of TRex
 _FEWEST = 4  # points of a midline
 _WANTED = (
-    "expected are columns frame, point (or n), and x and y of a point, as trackter and fishmechr have them, TRex's "
-    "posture npz, or the first of a pair of tables NAME_x.csv and NAME_y.csv, as WormTracer writes them"
+    "expected are columns frame, point (or n), and x and y of a point, as trackter and fishmechr have them, the npz "
+    "that TRex's setting output_posture_data adds, or the first of a pair of tables NAME_x.csv and NAME_y.csv, as "
+    "WormTracer writes them"
 )
 
 Midlines = Mapping[int, Array]
