@@ -25,10 +25,18 @@ function remember(step = "") {
   lastStep = step;
   saved = false;
 }
-function place(marker, at) {
-  if (!inside(at)) return complain("That is outside of the frame: nothing was placed.");
+const apart = (p, q) => Math.hypot(p[0] - q[0], p[1] - q[1]);
+function place(marker, clicked, spot) {
+  if (!inside(clicked)) return complain("That is outside of the frame: nothing was placed.");
   remember();
-  points[marker] = at.map(round);
+  const put = at => Object.assign(at.map(round), { clicked, spot });
+  points[marker] = put(spot);
+  // a spot that two clicks find is no dot of either: both stay as they were clicked
+  points.forEach((p, i) => {
+    if (i === marker || !p?.spot || apart(p.spot, spot) >= CLOSEST) return;
+    points[i] = Object.assign(p.clicked.map(round), { clicked: p.clicked, spot });
+    points[marker] = put(clicked);
+  });
   chosen = marker; lifted = wanted = -1;
   update();
 }
@@ -54,11 +62,10 @@ function clear() {
   chosen = lifted = wanted = -1;
   update();
 }
-function nearest(x, y, reach) {
+function nearest(at, reach, where = p => p) {
   let best = -1;
   points.forEach((p, i) => {
-    if (!p) return;
-    const [px, py] = toCss(p), distance = Math.hypot(px - x, py - y);
+    const distance = p ? view.k * apart(where(p), toFrame(...at)) : Infinity;
     if (distance <= reach) { best = i; reach = distance; }
   });
   return best;
@@ -115,20 +122,20 @@ function middleOf([cx, cy], reach) {
   return [x0 + sx / sum, y0 + sy / sum];
 }
 function click(x, y, exactly) {
-  const at = exactly ? toFrame(x, y) : snapped(toFrame(x, y));
-  if (lifted >= 0) return place(lifted, at);
+  const at = toFrame(x, y), spot = exactly ? at : snapped(at);
+  if (lifted >= 0) return place(lifted, at, spot);
   // while there is something to place, a click beside a point is the next one: neighbors are close
-  const marker = next(), hit = nearest(x, y, marker < 0 ? HIT : Math.min(HIT, 4 * view.k));
+  const marker = next(), hit = marker < 0 ? nearest([x, y], HIT) : nearest([x, y], CLOSEST * view.k, p => p.clicked ?? p);
   if (hit >= 0) { chosen = lifted = hit; return update(); }
   if (marker < 0) return complain(`All ${names.length} are placed: click one to move it, or download them.`);
-  place(marker, at);
+  place(marker, at, spot);
 }
 function problem() {
   const missing = names.filter((_, i) => !points[i]);
   if (missing.length)
     return `${names.length - missing.length} of ${names.length} markers are placed; still missing: ${joined(missing)}.`;
   for (let i = 0; i < names.length; i++) for (let j = 0; j < i; j++)
-    if (Math.hypot(points[i][0] - points[j][0], points[i][1] - points[j][1]) < CLOSEST)
+    if (apart(points[i], points[j]) < CLOSEST)
       return `${names[j]} and ${names[i]} are on the same spot: move one of them.`;
   return "";
 }
@@ -320,7 +327,7 @@ canvas.addEventListener("pointerdown", event => {
   const [x, y] = local(event);
   pointers.set(event.pointerId, [x, y]);
   if (pointers.size === 1) {
-    const hit = event.button === 1 ? -1 : nearest(x, y, HIT);
+    const hit = event.button === 1 ? -1 : nearest([x, y], HIT);
     gesture = { kind: event.button === 1 ? "pan" : "click", x, y, hit, lastX: x, lastY: y, from: points[hit] };
   } else {
     gesture = pointers.size === 2 ? { kind: "pinch", ...span() } : { kind: "none" };

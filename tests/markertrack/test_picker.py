@@ -251,3 +251,22 @@ def test_a_click_beside_the_middle_snaps_to_it_unless_it_is_not_wanted(play, tmp
     np.testing.assert_array_equal(rows[1], rows[2])
     water = np.array(list(map(float, result["said"][12].split(", "))))
     assert np.linalg.norm(water - TARGETS[1]) > 30
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("gap", [4.0, 12.0])  # px; a disc has a radius of 7
+def test_no_click_snaps_to_the_common_middle_of_two_discs(tmp_path, gap):
+    targets = np.array([[100.0, 80.0], [300.0, 200.0], [300.0 + gap, 202.0], [600.0, 300.0]])
+    page = write_pick_page(discs(targets, COLORS[:1] * 4, (HEIGHT, WIDTH)), NAMES, "a.mp4", tmp_path / "pick.html")
+    result = played(
+        page, tmp_path / "played.html", HAND,
+        f"""
+        const k = 0.98 * Math.min(canvas.clientWidth / {WIDTH}, canvas.clientHeight / {HEIGHT});
+        for (const [x, y] of {targets.tolist()})
+          click([(x - {WIDTH // 2} + 0.5) * k + canvas.clientWidth / 2 + 1.5, (y - {HEIGHT // 2} + 0.5) * k + canvas.clientHeight / 2]);
+        said.push(rows());
+        """,
+    )  # fmt: skip
+    (rows,) = result["said"]
+    off = np.linalg.norm(np.array([list(map(float, row.split(", "))) for row in rows]) - targets, axis=1)
+    np.testing.assert_array_less(off, [0.15, 1.2, 1.2, 0.15])
