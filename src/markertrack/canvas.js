@@ -1,6 +1,7 @@
 /* ---- a picture on which markers are placed: zoomed, moved, enlarged under a lens. The page has `names`, `width`, `height`,
-   `places` of the markers on a sketch, `frame` (the picture, of any size), `under(put)`, which draws below the points, and
-   `ready()`, which says what to do once all are placed. The picture lies on a canvas of its own, below that of the points ---- */
+   `places` of the markers on a sketch, `frame` (the picture, of any size), `under(put)`, which draws below the points,
+   `ready()`, which says what to do once all are placed, and `waits()`, which says why nothing can be placed now, or nothing.
+   The picture lies on a canvas of its own, below that of the points ---- */
 const canvas = document.querySelector("canvas[tabindex]"), context = canvas.getContext("2d");
 const below = get("picture").getContext("2d", { alpha: false });
 const CLOSEST = 2, HIT = 10, LENS = Math.min(innerWidth, innerHeight) < 620 ? 52 : 75, SLOP = { mouse: 4, pen: 6, touch: 9 };
@@ -122,6 +123,7 @@ function middleOf([cx, cy], reach) {
   return [x0 + sx / sum, y0 + sy / sum];
 }
 function click(x, y, exactly) {
+  if (waits()) return;
   const at = toFrame(x, y), spot = exactly ? at : snapped(at);
   if (lifted >= 0) return place(lifted, at, spot);
   // while there is something to place, a click beside a point is the next one: neighbors are close
@@ -148,7 +150,8 @@ const text = () => JSON.stringify({
 /* ---- what is shown ---- */
 function update() {
   const marker = next(), name = marker < 0 ? "" : safe(names[marker]);
-  if (lifted >= 0) tell(`Moving <b>${safe(names[lifted])}</b>: ${touch ? "tap" : "click"} its new place, or use the arrows.`);
+  if (waits()) tell(waits());
+  else if (lifted >= 0) tell(`Moving <b>${safe(names[lifted])}</b>: ${touch ? "tap" : "click"} its new place, or use the arrows.`);
   else if (marker < 0) tell(`All ${names.length} are placed. ${ready()}`);
   else tell(`${touch ? "Tap" : "Click"} <b>${name}</b>${marker === 0 ? ", the first marker at the head" : marker === names.length - 1 ? ", the last one at the tail" : ""}.`
     + (points.some(p => p) ? "" : " Zoom in first, to hit its center."));

@@ -261,9 +261,9 @@ def test_no_click_snaps_to_the_common_middle_of_two_discs(tmp_path, gap):
     result = played(
         page, tmp_path / "played.html", HAND,
         f"""
-        const k = 0.98 * Math.min(canvas.clientWidth / {WIDTH}, canvas.clientHeight / {HEIGHT});
-        for (const [x, y] of {targets.tolist()})
-          click([(x - {WIDTH // 2} + 0.5) * k + canvas.clientWidth / 2 + 1.5, (y - {HEIGHT // 2} + 0.5) * k + canvas.clientHeight / 2]);
+        const [cx, cy] = middle(), k = 0.98 * Math.min(2 * cx / {WIDTH}, 2 * cy / {HEIGHT});
+        for (const [x, y] of {(targets - [WIDTH / 2, HEIGHT / 2]).tolist()})
+          click([(x + 0.5) * k + cx + 1.5, (y + 0.5) * k + cy]);
         said.push(rows());
         """,
     )  # fmt: skip

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import socket
-import threading
 from pathlib import Path
 
 from tyro.conf import Positional
@@ -33,6 +32,7 @@ def ui(folder: Positional[Path] = Path(), *, port: int = 0, no_browser: bool = F
         if error.name != "tornado":
             raise
         raise MissingExtraError("the page needs tornado; install it with: pip install 'swim2real[ui]'") from None
+    from swim2real.processes import ProcessPool
     from swim2real.ui.project import Project
 
     project, sockets = Project(folder), listening(port)
@@ -48,7 +48,9 @@ def ui(folder: Positional[Path] = Path(), *, port: int = 0, no_browser: bool = F
             say(f"{word(folder)}: {address}")
             say(f"From another machine: ssh -L {number}:127.0.0.1:{number} {socket.gethostname()}, then that address.")
 
-        threading.Thread(target=_compile, daemon=True).start()  # while a person clicks
+        pool = ProcessPool(1, tries=1)  # so that the page answers meanwhile
+        stack.callback(pool.shutdown, False)
+        pool.submit(_compile)
         with contextlib.suppress(KeyboardInterrupt):
             asyncio.run(serve(project, sockets, opened))
     job = project.jobs.last
@@ -60,9 +62,17 @@ def ui(folder: Positional[Path] = Path(), *, port: int = 0, no_browser: bool = F
 
 
 def _compile() -> None:
-    """Has the simulator compiled, which takes most of a minute on a new machine."""
+    """Has trackers and simulator compiled, while a person clicks: up to two minutes on a new machine."""
+    from dataclasses import replace
+
+    from markertrack.film import HowToTrack, track_film
+    from markertrack.span import Span
     from swim2real import api
+    from swim2real.demo.example import FILMS
     from swim2real.robots import load_robot
 
     fish = load_robot("fish")
+    for chain in (False, True):
+        layout, how = replace(fish.layout, chain=chain), HowToTrack(span=Span(until=0.1))
+        track_film(FILMS / "f0_50.mp4", FILMS / "f0_50.points.json", layout, how)
     api.simulate(fish.space.published, fish, [1.0], seconds=0.1, threads=1)

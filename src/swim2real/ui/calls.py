@@ -19,7 +19,7 @@ from swim2real.report.pages import inline_svg
 from swim2real.report.run import read_run
 from swim2real.report.run_charts import speeds
 from swim2real.trials import load_reference
-from swim2real.ui.fit import Fit, camera_of
+from swim2real.ui.fit import Fit, camera_of, resumed
 from swim2real.ui.jobs import Job, JobNow
 from swim2real.ui.marking import about_film, save, track
 from swim2real.ui.project import Project
@@ -100,7 +100,7 @@ class _OfRun(BaseModel, extra="forbid"):
 class _Work(_OfRun):
     """What is done with a run."""
 
-    kind: Literal["identify", "report", "export"]
+    kind: Literal["resume", "identify", "report", "export"]
 
 
 class _OfName(_OfValues):
@@ -148,7 +148,7 @@ def _keep(project: Project, asked: _OfName) -> dict[str, str]:
 def _track(project: Project, asked: _OfRobot) -> JobNow:
     film, folder = project.place(asked.film), project.place(asked.reference or "reference")
     robot, title = project.robot(asked.robot), f"tracking {film.name}"
-    work = partial(track, film, robot, folder, camera_of(film, project.root), asked.midline)
+    work = partial(track, film, robot, folder, camera_of(film, project.root), asked.midline, project.films)
     return project.jobs.start("track", title, work, film=asked.film)
 
 
@@ -157,14 +157,14 @@ def _work(project: Project, asked: _Work) -> JobNow:
     run = project.run(folder)
     if run.robot is None or run.reference is None:
         raise ArgumentError(f"'{asked.run}' is no run whose robot and trials are in this folder")
-    robot, reference = project.robot(run.robot), load_reference(project.folder(run.reference))
+    robot, trials = project.robot(run.robot), project.folder(run.reference)
 
     def identified(job: Job) -> str:
         def noted(progress: StudyProgress) -> None:
             job.note(done=progress.evaluations, total=progress.most)
             job.heed()
 
-        study = api.identify(folder, reference, robot=robot, on_progress=noted)
+        study = api.identify(folder, load_reference(trials), robot=robot, on_progress=noted)
         write_report(folder, robot)
         return f"the trials determine {study.determined:.1f} directions of {len(study.parameters)}"
 
@@ -176,6 +176,7 @@ def _work(project: Project, asked: _Work) -> JobNow:
         return f"{asked.run}/{write_report(folder, robot).name} is written: open it in a browser"
 
     works = {"identify": identified, "export": exported, "report": reported}
+    works["resume"] = partial(resumed, trials, robot, folder)
     return project.jobs.start(asked.kind, f"{asked.kind} {asked.run}", works[asked.kind])
 
 

@@ -78,6 +78,11 @@ class FilmCache:
                 frame = film.frame(number)
             return _jpeg(frame.scaled(min(_SMALL, film.size[0]))), frame.index
 
+    def image(self, path: Path, number: int) -> Image:
+        """A frame, upright, RGB. Shape (H, W, 3)."""
+        with self._lock:
+            return self._film(path)[0].frame(number).image
+
     def picture(self, path: Path, number: int) -> bytes:
         """A frame as JPEG."""
         with self._lock:

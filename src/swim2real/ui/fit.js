@@ -20,7 +20,7 @@ async function simulate() {
   again = true;
   if (busy) return;
   busy = true; clearTimeout(rest);
-  const slow = setTimeout(() => { get("note").textContent = "Simulating … On a new machine the simulator is compiled first: up to a minute."; }, 3000);
+  const slow = setTimeout(() => { get("note").textContent = `Simulating … ${COMPILING}`; }, 3000);
   try {
     while (again) {
       again = false;
@@ -110,11 +110,12 @@ async function open() {
   get("sliders").replaceChildren(...parameters.map(slider));
   get("trials").replaceChildren(...about.trials.map(name => card(name, about.held.includes(name))));
   past = []; shown = null; put(about.values);
-  get("results").hidden = !get("from").value;
-  await Promise.all([speeds(), choose(about.trials.includes(trial) ? trial : about.trials[0])]);
+  await Promise.all([results(), choose(about.trials.includes(trial) ? trial : about.trials[0])]);
 }
-async function speeds() {  // over the frequency of the beat, held-out trials open; a run without a beat has none
-  const run = get("from").value;
+async function results() {  // verdict, and speeds over the frequency of the beat, held-out trials open, where there is one
+  const run = get("from").value, { verdict, sentence } = project.runs.find(one => one.path === run) ?? {};
+  get("results").hidden = !run;
+  get("verdict").innerHTML = verdict ? `<b>${safe(verdict)}.</b> ${safe(sentence)}` : "No verdict yet: this search was cut off.";
   get("speeds").innerHTML = run ? (await call("speeds", null, { run })).svg : "";
 }
 async function choose(name) {

@@ -10,7 +10,10 @@ async function film() {
   if (!saved) keepMarks();
   const path = get("film").value;
   if (playing) pause();
-  about = { path, ...await call("film", null, asked()) };
+  about = null; points = []; update();
+  const found = await call("film", null, asked()).catch(error => { if (get("film").value === path) tell(""); throw error; });
+  if (get("film").value !== path) return;   // another one was chosen meanwhile
+  about = { path, ...found };
   if (about.track) about.track.positions = unpacked(about.track.positions);
   ({ names, places, video } = about);
   load(about, 0, about.frames - 1);
@@ -29,7 +32,9 @@ async function film() {
   fit();
   await go(about.track ? about.track.first : about.points?.frame ?? 0);
 }
+const tracking = () => job.running && job.kind === "track" && job.film === reel.path;
 function seen() {
+  if (!about) return draw();
   const own = about.track ? corrected.get(number) : number === (about.points?.frame ?? 0) ? about.points?.markers : null;
   points = names.map((name, m) => own?.[name] !== undefined ? own[name] : tracked(number)?.[m] ?? null);
   chosen = lifted = wanted = -1; history = []; lastStep = ""; marked = number;
@@ -53,8 +58,10 @@ function keepMarks() {
     if (whole && marked !== (about.points.frame ?? 0) && Object.keys(mine).length < names.length) return;  // of another frame
     about.points = content = { ...content, frame: marked, markers: mine };
   }
-  call("mark", { film: about.path, kind: about.track ? "corrections" : "points", content }).catch(error => { saved = false; complain(error.message); });
+  const asked = { film: about.path, kind: about.track ? "corrections" : "points", content };
+  saving = saving.then(() => call("mark", asked)).catch(error => { saved = false; complain(error.message); });
 }
+let saving = Promise.resolve();   // one after the other
 setInterval(() => { if (filming && !saved && !gesture) keepMarks(); }, 300);
 get("clear").onclick = () => {
   if (!about.track) return clear();
@@ -77,5 +84,5 @@ get("doubt").onclick = tried(async () => {   // the next click puts its first ma
 document.addEventListener("keydown", ({ key, ctrlKey, metaKey }) => {
   if (filming && about?.track && !ctrlKey && !metaKey) ({ n: get("doubt"), h: get("hide") })[key]?.click();
 });
-get("track").onclick = tried(async () => { if (!saved) keepMarks(); await call("track", asked()); await watch(); });
+get("track").onclick = tried(async () => { if (!saved) keepMarks(); await saving; await call("track", asked()); await watch(); });
 get("film").onchange = get("midline").onchange = tried(film);

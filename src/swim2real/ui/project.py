@@ -55,6 +55,7 @@ class ListedRun:
     usable: bool = False
     error: float | None = None
     verdict: str | None = None
+    sentence: str = ""
 
 
 @dataclass(frozen=True)
@@ -164,9 +165,10 @@ class Project:
         robot = settings.robot if file is None else self.name(file) if file.is_relative_to(self.root) else None
         reference = (folder / settings.reference).resolve()
         fit, verdict = (None, None) if outcome is None else (outcome.fit, outcome.verdict)
+        ended = () if verdict is None else (verdict.title, verdict.sentence)
         return ListedRun(
             self.name(folder), robot, self.name(reference) if reference.is_relative_to(self.root) else None,
-            (folder / BEST).is_file(), None if fit is None else fit.error, None if verdict is None else verdict.kind,
+            (folder / BEST).is_file(), None if fit is None else fit.error, *ended,
         )  # fmt: skip
 
     def _files(self) -> Iterator[Path]:
