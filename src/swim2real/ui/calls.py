@@ -195,7 +195,7 @@ def _ask(project: Project, asked: _OfValues) -> JobNow:
 def _speeds(project: Project, asked: _OfRun) -> dict[str, str]:
     folder = project.folder(asked.run)
     run = read_run(folder, project.robot(project.run(folder).robot or ""))
-    return {"svg": inline_svg(partial(speeds, run), "speeds")}
+    return {"svg": inline_svg(partial(speeds, run), "speeds") if run.has_beat else ""}
 
 
 CALLS: dict[str, tuple[type[BaseModel], Call]] = {

@@ -98,6 +98,7 @@ function pause() {
 }
 get("play").onclick = tried(async () => {
   if (playing) { pause(); return go(number); }   // the picture itself
+  if (filming && !about) throw new Error(waits());
   if (filming && !saved) keepMarks();
   playing = true; points = [];
   if (filming) update();

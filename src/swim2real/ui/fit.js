@@ -115,7 +115,7 @@ async function open() {
 async function results() {  // verdict, and speeds over the frequency of the beat, held-out trials open, where there is one
   const run = get("from").value, { verdict, sentence } = project.runs.find(one => one.path === run) ?? {};
   get("results").hidden = !run;
-  get("verdict").innerHTML = verdict ? `<b>${safe(verdict)}.</b> ${safe(sentence)}` : "No verdict yet: this search was cut off.";
+  get("verdict").innerHTML = verdict ? `<b>${safe(verdict)}</b>: ${safe(sentence)}` : run && "No verdict: this search was cut off; it can go on.";
   get("speeds").innerHTML = run ? (await call("speeds", null, { run })).svg : "";
 }
 async function choose(name) {

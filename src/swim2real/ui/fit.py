@@ -265,7 +265,7 @@ def searched(
     if not job.now.stopping:
         write_report(out, robot)
     verdict = outcome.verdict
-    return f"run {out.name}: " + (f"{verdict.title}. {verdict.sentence}" if verdict else "done")
+    return f"run {out.name}: " + (f"{verdict.title}: {verdict.sentence}" if verdict else "done")
 
 
 def camera_of(film: Path, root: Path) -> Path | None:

@@ -1,5 +1,5 @@
 /* ---- the job that is under way, whoever began it ---- */
-let job = { number: -1, bests: [] }, timer = 0, followed = "", cut = false;
+let job = { number: -1, bests: [], running: false }, timer = 0, followed = "", cut = false;
 async function watch() {
   clearTimeout(timer);
   let wait = 2000;

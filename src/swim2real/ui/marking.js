@@ -1,19 +1,20 @@
 /* ---- the film: points of one frame, then corrections of its track, saved as they are clicked ---- */
-let about = null, corrected = new Map();   // corrections by frame: by marker [x, y], or null where it is hidden
+let about = null, opening = null, corrected = new Map();   // corrections by frame: by marker [x, y], or null where it is hidden
 const tracked = n => about?.track && n >= about.track.first && n < about.track.first + about.track.frames ? row(about.track.positions, n - about.track.first, names.length) : undefined;
 const asked = () => {  // the film with what the list has of it
-  const { path, reference, trial } = project.films.find(one => one.path === get("film").value);
+  const { path, reference, trial } = project.films.find(one => one.path === get("film").value) ?? {};
+  if (!path) throw new Error("No film is in this folder: put some there and load the page again.");
   return Object.fromEntries(Object.entries({ film: path, robot: get("robot").value, midline: get("midline").checked, reference, trial }).filter(([, value]) => value));
 };
 async function film() {
-  if (!get("film").value) return complain("No film is in this folder: put some there and load the page again.");
   if (!saved) keepMarks();
-  const path = get("film").value;
   if (playing) pause();
-  about = null; points = []; update();
-  const found = await call("film", null, asked()).catch(error => { if (get("film").value === path) tell(""); throw error; });
-  if (get("film").value !== path) return;   // another one was chosen meanwhile
-  about = { path, ...found };
+  about = frame = opening = null; points = []; update();
+  const own = opening = asked();
+  update();
+  const found = await call("film", null, own).catch(error => { opening = null; update(); throw error; });
+  if (opening !== own) return;   // another one was chosen meanwhile
+  about = { path: own.film, ...found };
   if (about.track) about.track.positions = unpacked(about.track.positions);
   ({ names, places, video } = about);
   load(about, 0, about.frames - 1);
@@ -64,7 +65,7 @@ function keepMarks() {
 let saving = Promise.resolve();   // one after the other
 setInterval(() => { if (filming && !saved && !gesture) keepMarks(); }, 300);
 get("clear").onclick = () => {
-  if (!about.track) return clear();
+  if (!about?.track) return clear();
   remember(); points = names.map((_, m) => tracked(number)?.[m] ?? null); update();   // as the track has it
 };
 get("hide").onclick = () => {

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -67,9 +68,12 @@ def about_film(
         for kind in ("points", "corrections")
         for file in [_file(path, kind)]
     }
+    for kind, content in clicked.items():
+        frames = [] if content is None else [content, *(content.get("frames") or ())]
+        _check_names(f"{kind} of '{film}'", [name for one in frames for name in one.get("markers") or ()], body)
     shown, track = project.shown(film), None
     if reference is not None and trial is not None:
-        track = _track(project.folder(reference), trial, project.films.opened(path).fps, body.marker_names)
+        track = _track(project.folder(reference), trial, project.films.opened(path).fps, body)
     kept = slice(None, None, max(len(body.marker_names) - 1, 1) if midline and track is None else 1)  # head and tail
     along = np.linalg.norm(np.diff(body.rest_markers[kept], axis=0), axis=1) if body.marker_names else np.zeros(0)
     sketch = np.concatenate([[0.0], np.cumsum(along)]) / max(float(along.sum()), 1e-9)
@@ -77,12 +81,21 @@ def about_film(
     return {**shown, **clicked, **names, "video": path.name, "track": track}
 
 
-def _track(folder: Path, trial: str, fps: float, names: tuple[str, ...]) -> Tracked | None:
+def _check_names(what: str, names: Iterable[str], robot: Robot) -> None:
+    """Refuses what has markers that the robot doesn't have."""
+    if other := [name for name in dict.fromkeys(names) if name not in robot.marker_names]:
+        raise TrackingError(
+            f"the {what} have {', '.join(other[:3])}, which robot '{robot.name}' doesn't have; choose the film's robot"
+        )
+
+
+def _track(folder: Path, trial: str, fps: float, robot: Robot) -> Tracked | None:
     table, page = (folder / TRACKS / f"{trial}.{kind}" for kind in ("pixels.csv", "json"))
     if not table.is_file() or not page.is_file():
         return None
     track, there = read_dlc(table, fps)
-    if there != names:
+    _check_names(f"markers of trial '{trial}'", there, robot)
+    if there != robot.marker_names:
         return None
     begin = load_reference(folder)[trial].video_begin
     stretches = [(one.first, one.last, one.reason, one.markers) for one in find_stretches(track)]
