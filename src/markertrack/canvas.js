@@ -1,7 +1,7 @@
 /* ---- a picture on which markers are placed: zoomed, moved, enlarged under a lens. The page has `names`, `width`, `height`,
    `places` of the markers on a sketch, `frame` (the picture, of any size), `under(put)`, which draws below the points,
-   `ready()`, which says what to do once all are placed, and `waits()`, which says why nothing can be placed now, or nothing.
-   The picture lies on a canvas of its own, below that of the points ---- */
+   `ready()`, which says what to do once all are placed, `waits()`, which says why nothing can be placed now, or nothing, and
+   `changed()`, called when points have changed. The picture lies on a canvas of its own, below that of the points ---- */
 const canvas = document.querySelector("canvas[tabindex]"), context = canvas.getContext("2d");
 const below = get("picture").getContext("2d", { alpha: false });
 const CLOSEST = 2, HIT = 10, LENS = Math.min(innerWidth, innerHeight) < 620 ? 52 : 75, SLOP = { mouse: 4, pen: 6, touch: 9 };
@@ -129,24 +129,9 @@ function click(x, y, exactly) {
   // while there is something to place, a click beside a point is the next one: neighbors are close
   const marker = next(), hit = marker < 0 ? nearest([x, y], HIT) : nearest([x, y], CLOSEST * view.k, p => p.clicked ?? p);
   if (hit >= 0) { chosen = lifted = hit; return update(); }
-  if (marker < 0) return complain(`All ${names.length} are placed: click one to move it, or download them.`);
+  if (marker < 0) return complain(`All ${names.length} are placed: click one to move it.`);
   place(marker, at, spot);
 }
-function problem() {
-  const missing = names.filter((_, i) => !points[i]);
-  if (missing.length)
-    return `${names.length - missing.length} of ${names.length} markers are placed; still missing: ${joined(missing)}.`;
-  for (let i = 0; i < names.length; i++) for (let j = 0; j < i; j++)
-    if (apart(points[i], points[j]) < CLOSEST)
-      return `${names[j]} and ${names[i]} are on the same spot: move one of them.`;
-  return "";
-}
-const goOn = "give it to <b>swim2real track</b> with <b>--markers</b>";
-const text = () => JSON.stringify({
-  format: 1, video, width, height, frame: number,
-  markers: Object.fromEntries(names.flatMap((name, i) => points[i] ? [[name, points[i]]] : [])),
-}, null, 2) + "\n";
-
 /* ---- what is shown ---- */
 function update() {
   const marker = next(), name = marker < 0 ? "" : safe(names[marker]);
@@ -160,8 +145,7 @@ function update() {
     button.lastChild.textContent = points[i] ? points[i].map(v => v.toFixed(1)).join(", ") : i === marker ? "next" : "–";
     if (i === marker) button.setAttribute("aria-current", "step"); else button.removeAttribute("aria-current");
   });
-  get("download").dataset.complete = String(!problem());
-  get("json").textContent = text();
+  changed();
   sketch(lifted >= 0 ? lifted : marker);
   draw();
 }

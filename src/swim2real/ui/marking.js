@@ -18,7 +18,6 @@ async function film() {
   if (about.track) about.track.positions = unpacked(about.track.positions);
   ({ names, places, video } = about);
   load(about, 0, about.frames - 1);
-  file = `${video.replace(/\.[^.]*$/, "")}.${about.track ? "corrections" : "points"}.json`;
   corrected = new Map((about.corrections?.frames ?? []).map(({ frame, markers }) => [frame, markers]));
   get("about").textContent = `${width} × ${height} px, ${about.frames} frames, ${about.fps.toFixed(2)} per second`;
   get("list").replaceChildren(...items());
