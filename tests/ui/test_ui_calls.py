@@ -19,9 +19,12 @@ from swim2real import load_reference, open_run
 from swim2real.calibration import Problem
 from swim2real.demo.example import FILMS, hidden_values
 from swim2real.robots.fish import FISH
-from swim2real.settings import EvaluationSettings
+from swim2real.settings import EvaluationSettings, VlmAccess
 from swim2real.ui import marking
 from swim2real.ui.films import FilmCache
+from swim2real.ui.project import Project
+from swimbase.errors import ArgumentError
+from vlm_server import replies
 
 QUERY = f"?film={FILM}&robot=fish"
 TRACKED = f"{QUERY}&reference=reference&trial=f0_50"
@@ -244,6 +247,20 @@ def test_a_search_is_a_run_that_the_commands_take(served, films, tracked):
     assert served.call("fit", {**FIT, "run": "fit-1"})["values"] == run.values
     served.call("ask", {**FIT, "values": run.values})
     assert FISH.space.check(served.ended()["values"])
+
+
+@pytest.mark.slow
+def test_a_vlm_is_asked_where_the_server_was_told_so(served, films, tracked, vlm, monkeypatch):
+    content = {"diagnosis": "too slow", "reasoning": "lift", "parameters": {"fluid_kutta_lift": 2.0}}
+    vlm.script(then=replies(json.dumps(content)))
+    monkeypatch.setattr(served.project, "advisor", "openai:some-model")
+    monkeypatch.setattr(served.project, "access", VlmAccess(base_url=vlm.url("openai"), tries=1))
+    served.call("ask", {**FIT, "values": FISH.space.published})
+    job = served.ended()
+    assert (job["said"], round(job["values"]["fluid_kutta_lift"], 9)) == ("too slow lift", 2.0)
+    assert list((films / "asked-1").rglob("call_*.json"))
+    with pytest.raises(ArgumentError, match="'files'; on the page it must be physics or PROVIDER:MODEL"):
+        Project(films, advisor="files")
 
 
 @pytest.mark.parametrize("name", ["../out", "a/b", ".hidden", "con"])

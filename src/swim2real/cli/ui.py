@@ -9,10 +9,14 @@ from tyro.conf import Positional
 
 from swim2real.cli.options import word
 from swim2real.cli.terminal import say, tell
+from swim2real.settings import PHYSICS, VlmAccess
 from swimbase.errors import MissingExtraError
 
 
-def ui(folder: Positional[Path] = Path(), *, port: int = 0, no_browser: bool = False) -> int:
+def ui(
+    folder: Positional[Path] = Path(), access: VlmAccess = VlmAccess(), *, advisor: str = PHYSICS, port: int = 0,  # noqa: B008
+    no_browser: bool = False,
+) -> int:  # fmt: skip
     """Open a page in the browser on which films become fits: points, tracks, sliders, searches, results.
 
     Shows the films, references, runs and robot files of a folder, and writes the files that the other commands write.
@@ -20,6 +24,9 @@ def ui(folder: Positional[Path] = Path(), *, port: int = 0, no_browser: bool = F
 
     Args:
         folder: Folder with films, or one that `demo` wrote; the page reads and writes nothing outside of it.
+        access: Access to a VLM, for --advisor PROVIDER:MODEL.
+        advisor: Who is asked by the page's button; physics: built in. google:MODEL, openai:MODEL, anthropic:MODEL: a
+            VLM, as for calibrate.
         port: Port on 127.0.0.1; 0 is any that is free.
         no_browser: Print the page's address, for a tunnel, as is done where there is no browser.
     """
@@ -35,7 +42,7 @@ def ui(folder: Positional[Path] = Path(), *, port: int = 0, no_browser: bool = F
     from swim2real.processes import ProcessPool
     from swim2real.ui.project import Project
 
-    project, sockets = Project(folder), listening(port)
+    project, sockets = Project(folder, advisor=advisor, access=access), listening(port)
     with contextlib.ExitStack() as stack:
 
         def opened(address: str) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
+from itertools import count
 from pathlib import Path
 from typing import Any, Literal
 
@@ -188,8 +189,9 @@ def _new(project: Project, name: str) -> Path:
 
 
 def _ask(project: Project, asked: _OfValues) -> JobNow:
-    fit = _fit(project, asked)
-    return project.jobs.start("ask", "what the advisor says", lambda job: fit.ask(asked.values, job))
+    fit, name = _fit(project, asked), project.advisor
+    out = next(path for k in count(1) if not (path := project.place(f"asked-{k}")).exists())
+    return project.jobs.start("ask", f"asking {name}", partial(fit.ask, asked.values, name, project.access, out))
 
 
 def _speeds(project: Project, asked: _OfRun) -> dict[str, str]:

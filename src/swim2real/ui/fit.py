@@ -12,7 +12,8 @@ import numpy as np
 
 from markertrack.camera import fixed_camera
 from markertrack.camera_file import read_camera
-from swim2real.advisor.choice import make_advisor
+from swim2real.advisor.choice import AdvisorContext, make_advisor
+from swim2real.advisor.vlm.advisor import AdvisorEvent
 from swim2real.calibration import Problem, Progress, RunFolder
 from swim2real.calibration.loop import write_fit
 from swim2real.identification.identifiability import Interval, study_of
@@ -25,7 +26,7 @@ from swim2real.pipeline.overlays import in_world, off_its_film
 from swim2real.rendering.trial_view import view_of
 from swim2real.report import write_report
 from swim2real.robots.robot import Robot
-from swim2real.settings import PHYSICS, CalibrationSettings, asks_a_vlm
+from swim2real.settings import CalibrationSettings, VlmAccess, asks_a_vlm
 from swim2real.trials import TrialSet, load_reference
 from swim2real.ui.films import FilmCache, packed
 from swim2real.ui.jobs import Job
@@ -202,10 +203,24 @@ class Fit:
         settings = replace(self.settings, first=str(first), hold_out=held)
         return searched(self.folder, self.reference, self.robot, settings, out, job)
 
-    def ask(self, values: Values, job: Job) -> str:
-        """Has the built-in advisor say what differs, and propose values."""
-        space = self.robot.space
-        advisor = make_advisor(PHYSICS, self.robot, space, 0)
+    def ask(self, values: Values, name: str, access: VlmAccess, out: Path, job: Job) -> str:
+        """Has an advisor say what differs, and propose values.
+
+        Args:
+            values: Values that it is shown.
+            name: Name of the advisor.
+            access: How a VLM is reached.
+            out: Folder for what a VLM was asked and answered.
+            job: Where it says how far it is.
+        """
+
+        def noted(event: AdvisorEvent) -> None:
+            job.note(warning=event.text)
+            job.heed()
+
+        space, problem = self.robot.space, self.problem
+        context = AdvisorContext(out, problem.evaluate, problem.speeds_from_rest, access=access, on_event=noted)
+        advisor = make_advisor(name, self.robot, space, 0, context)
         here = self._evaluated(Candidate(space.to_cube(values)))
         measured: list[Evaluation] = []
         while isinstance(advice := advisor.propose(Situation(here, (), here, tuple(measured))), Measurement):

@@ -16,6 +16,7 @@ from swim2real.calibration.run_folder import SETTINGS
 from swim2real.parameters.file import BEST
 from swim2real.robots import ROBOTS, load_robot
 from swim2real.robots.robot import Robot
+from swim2real.settings import FILES, PHYSICS, VlmAccess, check_advisor, replayed_run
 from swim2real.trials.reference import FILMS, INDEX, Index
 from swim2real.ui.films import FilmCache
 from swim2real.ui.fit import Fit
@@ -80,6 +81,8 @@ class Project:
         films: Films that are open.
         secret: By it the addresses of films are sealed.
         fit: The fit that is open, after what it is of.
+        advisor: Who is asked about a fit.
+        access: How it is reached, if it is a VLM.
     """
 
     root: Path
@@ -87,8 +90,15 @@ class Project:
     films: FilmCache = field(default_factory=FilmCache)
     secret: bytes = field(default_factory=lambda: secrets.token_bytes(24), repr=False)
     fit: tuple[object, Fit] | None = None
+    advisor: str = PHYSICS
+    access: VlmAccess = field(default_factory=VlmAccess)
 
     def __post_init__(self) -> None:
+        check_advisor(self.advisor)
+        if self.advisor == FILES or replayed_run(self.advisor) is not None:
+            raise ArgumentError(
+                f"advisor is '{self.advisor}'; on the page it must be {PHYSICS} or PROVIDER:MODEL: you have the sliders"
+            )
         if not self.root.is_dir():
             raise ArgumentError(f"'{self.root}' is no folder; give the one with your films, or where `demo` wrote")
         self.root = self.root.resolve()
