@@ -134,7 +134,7 @@ function click(x, y, exactly) {
 }
 /* ---- what is shown ---- */
 function update() {
-  const marker = next(), name = marker < 0 ? "" : safe(names[marker]);
+  const marker = waits() ? -1 : next(), name = marker < 0 ? "" : safe(names[marker]);
   if (waits()) tell(waits());
   else if (lifted >= 0) tell(`Moving <b>${safe(names[lifted])}</b>: ${touch ? "tap" : "click"} its new place, or use the arrows.`);
   else if (marker < 0) tell(`All ${names.length} are placed. ${ready()}`);

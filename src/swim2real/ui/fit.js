@@ -103,13 +103,18 @@ function card(name, isHeld) {  // of a trial: its small picture, its error, and 
   item.append(button, label);
   return item;
 }
-async function open() {
-  if (!get("reference").value) return complain("No trials are in this folder yet: track a film first.");
+async function sliders(begin) {  // with what a study of the run has found
   const about = await call("fit", fitted());
   parameters = about.parameters.map(p => ({ ...p, found: about.intervals[p.name] }));
   get("sliders").replaceChildren(...parameters.map(slider));
+  put(begin ?? about.values);
+  return about;
+}
+async function open() {
+  if (!get("reference").value) return complain("No trials are in this folder yet: track a film first.");
+  const about = await sliders();
   get("trials").replaceChildren(...about.trials.map(name => card(name, about.held.includes(name))));
-  past = []; shown = null; put(about.values);
+  past = []; shown = null;
   await Promise.all([results(), choose(about.trials.includes(trial) ? trial : about.trials[0])]);
 }
 async function results() {  // verdict, and speeds over the frequency of the beat, held-out trials open, where there is one

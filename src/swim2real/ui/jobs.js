@@ -24,7 +24,7 @@ async function watch() {
     }
     if (filming && job.running && job.places && job.film === reel.path && !fetching) go(job.done - 1).catch(() => {});
     followed = job.running || ended ? news : "";
-    if (ended) { await list(); if (job.run) { get("from").value = job.run; await results(); } if (job.kind === "track" && filming) await film(); }
+    if (ended) { await list(); if (job.run) { get("from").value = job.run; await results(); } if (job.kind === "track" && filming) await film(); if (job.kind === "identify" && !filming) await sliders(values); }
   } catch (error) { cut = true; complain(error.message); }
   timer = setTimeout(watch, wait);
 }
