@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -24,7 +25,7 @@ from swim2real.ui.fit import Fit, camera_of, resumed
 from swim2real.ui.jobs import Job, JobNow
 from swim2real.ui.marking import about_film, save, track
 from swim2real.ui.project import Project
-from swimbase.checking import FileName, Number, PathText
+from swimbase.checking import Number, PathText
 from swimbase.errors import ArgumentError
 
 Call = Callable[[Project, Any], object]
@@ -104,10 +105,9 @@ class _Work(_OfRun):
     kind: Literal["resume", "identify", "report", "export"]
 
 
-class _OfName(_OfValues):
-    """Values that are kept under a name."""
+class _Held(_OfValues):
+    """Values, and the trials that a search from them doesn't see."""
 
-    name: FileName
     held: tuple[str, ...] = ()
 
 
@@ -134,14 +134,14 @@ def _scene(project: Project, asked: _OfTrial) -> dict[str, object]:
     return vars(scene) if scene.film is None else {**vars(scene), **project.shown(scene.film)}
 
 
-def _search(project: Project, asked: _OfName) -> JobNow:
-    fit, out = _fit(project, asked), _new(project, asked.name)
+def _search(project: Project, asked: _Held) -> JobNow:
+    fit, out = _fit(project, asked), _new(project, "fit-{}")
     title = f"search from here, into {out.name}"
     return project.jobs.start("search", title, lambda job: fit.search(asked.values, asked.held, out, job))
 
 
-def _keep(project: Project, asked: _OfName) -> dict[str, str]:
-    fit, path = _fit(project, asked), _new(project, f"{asked.name}.json")
+def _keep(project: Project, asked: _OfValues) -> dict[str, str]:
+    fit, path = _fit(project, asked), _new(project, "values-{}.json")
     write_fit(path, fit.problem, fit.robot.space.check(asked.values))
     return {"said": f"{path.name} is written: evaluate, view and --first take it"}
 
@@ -182,15 +182,12 @@ def _work(project: Project, asked: _Work) -> JobNow:
 
 
 def _new(project: Project, name: str) -> Path:
-    path = project.place(name)
-    if path.exists():
-        raise ArgumentError(f"'{name}' is there; choose another name")
-    return path
+    """The first place of a numbered name where nothing is."""
+    return next(path for k in count(1) if not os.path.lexists(path := project.root / name.format(k)))
 
 
 def _ask(project: Project, asked: _OfValues) -> JobNow:
-    fit, name = _fit(project, asked), project.advisor
-    out = next(path for k in count(1) if not (path := project.place(f"asked-{k}")).exists())
+    fit, name, out = _fit(project, asked), project.advisor, _new(project, "asked-{}")
     return project.jobs.start("ask", f"asking {name}", partial(fit.ask, asked.values, name, project.access, out))
 
 
@@ -209,6 +206,6 @@ CALLS: dict[str, tuple[type[BaseModel], Call]] = {
     "POST track": (_OfRobot, _track), "POST work": (_Work, _work), "GET frame": (_OfFrame, _frame),
     "POST fit": (_OfFit, lambda project, asked: _fit(project, asked).about()), "POST scene": (_OfTrial, _scene),
     "POST simulate": (_OfValues, lambda project, asked: _fit(project, asked).simulated(asked.values, asked.trial)),
-    "POST search": (_OfName, _search), "POST keep": (_OfName, _keep), "POST ask": (_OfValues, _ask),
+    "POST search": (_Held, _search), "POST keep": (_OfValues, _keep), "POST ask": (_OfValues, _ask),
     "GET speeds": (_OfRun, _speeds),
 }  # fmt: skip

@@ -135,9 +135,8 @@ get("from").onchange = tried(() => {
   if (run) { get("reference").value = run.reference; get("robot").value = run.robot; }
   return open();
 });
-const free = stem => { let n = 1; while (project.taken.includes(`${stem}-${n}`)) n++; project.taken.push(`${stem}-${n}`); return `${stem}-${n}`; };
-get("search").onclick = tried(async () => { await call("search", { ...fitted(), values, held: held(), name: free("fit") }); await watch(); });
+get("search").onclick = tried(async () => { await call("search", { ...fitted(), values, held: held() }); await watch(); });
 get("ask").onclick = tried(async () => { await call("ask", { ...fitted(), values }); await watch(); });
-get("keep").onclick = tried(async () => { get("note").textContent = (await call("keep", { ...fitted(), values, name: free("values") })).said; });
+get("keep").onclick = tried(async () => { get("note").textContent = (await call("keep", { ...fitted(), values })).said; });
 for (const button of document.querySelectorAll("[data-work]"))
   button.onclick = tried(async () => { await call("work", { kind: button.dataset.work, run: get("from").value }); await watch(); });

@@ -61,14 +61,13 @@ class ListedRun:
 
 @dataclass(frozen=True)
 class Content:
-    """What is in a folder; `taken` are the names that a new file can't have."""
+    """What is in a folder."""
 
     folder: str
     films: list[ListedFilm]
     references: list[ListedReference]
     runs: list[ListedRun]
     robots: list[str]
-    taken: list[str]
 
 
 @dataclass
@@ -161,8 +160,7 @@ class Project:
             for trial, film in reference.trials.items():
                 if film in films:
                     films[film] = replace(films[film], reference=reference.path, trial=trial)
-        taken = sorted({path.stem for path in self.root.iterdir()})
-        return Content(self.root.name, list(films.values()), references, runs, [*robots, *ROBOTS], taken)
+        return Content(self.root.name, list(films.values()), references, runs, [*robots, *ROBOTS])
 
     def run(self, folder: Path) -> ListedRun:
         """A run in the list: robot, reference, and how it ended."""
