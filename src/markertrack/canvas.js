@@ -53,7 +53,7 @@ function undo() {
   const before = history.pop();
   if (!before) return complain("There is nothing to undo.");
   ({ points, chosen, wanted } = before);
-  lifted = -1; lastStep = "";
+  lifted = -1; lastStep = ""; saved = false;
   update();
 }
 function clear() {
