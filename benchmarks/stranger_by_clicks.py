@@ -54,8 +54,9 @@ def film(model, frequency, folder):
     camera = Camera(width=960, height=540, fps=30.0, bend=0.01, background=(110, 140, 120), seed=round(10 * frequency))
     drawn = (poses - [*poses[:, :, :2].mean((0, 1)), 0]) * [SCALE, -SCALE, -1] + [*camera.center, 0]
     of = [[SCALE * s[:2] * [1, -1] for s in body.site_pos[body.site_bodyid == k]] for k in range(1, 6)]
-    link = Box((0.05 * SCALE, 0.0), (0.058 * SCALE, 0.018 * SCALE), 0.017 * SCALE)
-    bodies = tuple(Body((link,), np.reshape(markers, (-1, 2)), (60, 55, 90)) for markers in of)
+    begins, end = SCALE * np.array([-0.018, *[-0.002] * 4]), 0.102 * SCALE  # of the links, which hold their markers
+    links = [Box(((end + x) / 2, 0.0), ((end - x) / 2, 0.018 * SCALE), 9.0) for x in begins.tolist()]
+    bodies = tuple(Body((link,), np.reshape(m, (-1, 2)), (60, 55, 90)) for link, m in zip(links, of, strict=True))
 
     def at(moments):
         flat = [np.interp(moments, times, one) for one in drawn.reshape(len(times), -1).T]
