@@ -8,6 +8,7 @@ import secrets
 import tomllib
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
+from itertools import islice
 from pathlib import Path
 from urllib.parse import quote
 
@@ -146,7 +147,9 @@ class Project:
         references: list[ListedReference] = []
         runs: list[ListedRun] = []
         robots = list[str]()
-        for path in self._files():
+        paths = list(islice(self._files(), _MOST + 1))
+        shown = self.root.name + (f" (its first {_MOST} files)" if len(paths) > _MOST else "")
+        for path in paths[:_MOST]:
             folder = path.parent
             if path.name == INDEX:
                 references.append(ListedReference(self.name(folder), self._trials(folder)))
@@ -160,7 +163,7 @@ class Project:
             for trial, film in reference.trials.items():
                 if film in films:
                     films[film] = replace(films[film], reference=reference.path, trial=trial)
-        return Content(self.root.name, list(films.values()), references, runs, [*robots, *ROBOTS])
+        return Content(shown, list(films.values()), references, runs, [*robots, *ROBOTS])
 
     def run(self, folder: Path) -> ListedRun:
         """A run in the list: robot, reference, and how it ended."""
@@ -181,14 +184,11 @@ class Project:
 
     def _files(self) -> Iterator[Path]:
         """Files in the folder, in order, without hidden ones and links to folders."""
-        count = 0
         for folder, folders, names in os.walk(self.root):
             deep = len(Path(folder).relative_to(self.root).parts) >= _DEEPEST
             folders[:] = [] if deep else sorted(name for name in folders if name[0] != ".")
             for name in sorted(names):
-                path, count = Path(folder, name), count + 1
-                if count > _MOST:
-                    return
+                path = Path(folder, name)
                 if name[0] != "." and path.resolve().is_relative_to(self.root):
                     yield path
 
