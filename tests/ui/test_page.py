@@ -79,6 +79,10 @@ def test_from_a_film_to_a_fit_by_clicks(folder, page):
         assert np.median(off) < 0.3  # px: clicks have snapped to the middles
 
         page.click("#tofit")
+        page.click("#tofilm")  # before the fit is there
+        page.wait_for_timeout(3000)
+        shows(page, "#status", "All 9 are placed")
+        page.click("#tofit")
         shows(page, "#trials", "mm")
         before = page.inner_text("#trials output")
         slider = page.locator("#sliders input").first.bounding_box()

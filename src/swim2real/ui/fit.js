@@ -22,13 +22,14 @@ async function simulate() {
   busy = true; clearTimeout(rest);
   const slow = setTimeout(() => { get("note").textContent = `Simulating … ${COMPILING}`; }, 3000);
   try {
-    while (again) {
+    while (again && !filming) {
       again = false;
       if (shown?.trial !== trial) await stage();
+      if (filming) break;
       const answer = await call("simulate", { ...fitted(), values, trial });
-      if (shown.trial in answer.errors) simulated = unpacked(answer.simulated);
+      if (shown?.trial in answer.errors) simulated = unpacked(answer.simulated);
       errors(answer);
-      if (get("note").textContent.startsWith("Simulating")) get("note").textContent = shown.note;
+      if (get("note").textContent.startsWith("Simulating")) get("note").textContent = shown?.note ?? "";
       if (!filming) draw();
     }
     rest = setTimeout(tried(async () => { if (!busy) errors(await call("simulate", { ...fitted(), values })); }), 300);
@@ -36,6 +37,7 @@ async function simulate() {
 }
 async function stage() {  // what the trial is drawn on
   const scene = await call("scene", { ...fitted(), trial });
+  if (filming) return;   // the person has turned to the films meanwhile
   scene.real = unpacked(scene.real); simulated = [];
   const last = scene.real.length / (2 * scene.markers) - 1, [width, height] = scene.size;
   if (playing) pause();

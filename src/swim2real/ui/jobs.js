@@ -50,7 +50,7 @@ async function list() {
 async function turn(toFilm) {
   if (playing) pause();
   if (!saved) keepMarks();
-  filming = toFilm; frame = null; shown = null;
+  filming = toFilm; frame = shown = opening = null;
   get("filming").hidden = !filming; get("fitting").hidden = filming; get("doubts").hidden = !filming;
   get("tofilm").setAttribute("aria-pressed", filming); get("tofit").setAttribute("aria-pressed", !filming);
   await (filming ? film() : open());
