@@ -55,12 +55,10 @@ def click(selector):
     press(x + width / 2, y + height / 2)
 
 
-def mark(name, snap):
-    """The markers of a film clicked and tracked; without snapping where dots touch: it finds their common middle."""
+def mark(name):
+    """The markers of a film clicked and tracked."""
     page.select_option("#film", f"{name}.mp4")
     wait("#status", "Click M0", 4)
-    if not snap:
-        click("#snap")
     places = np.array(list(json.loads((FILMS / f"{name}.points.json").read_text())["markers"].values()))
     x, y, *size = page.locator("#stage canvas[tabindex]").bounding_box().values()
     scale, near = 0.98 * (size / FILM).min(), places.mean(axis=0)  # as the whole film is shown
@@ -69,7 +67,7 @@ def mark(name, snap):
     for _ in range(5):  # each enlarges by exp(0.24)
         page.mouse.wheel(0, -120)
         rest(0.25)
-    for place in places + np.multiply(snap, (0.8, -0.5)):  # a hand, beside the middle
+    for place in np.add(places, (0.8, -0.5)):  # a hand, beside the middle
         press(*(middle + (place - near) * scale * np.exp(5 * 0.24)))
     click("#fit")
     click("#track")
@@ -98,8 +96,8 @@ if not RAW.is_dir():
         for file in ("f0_50.mp4", "f1_50.mp4", "camera.json"):
             shutil.copy(FILMS / file, folder)
         with opened(str(folder), 800, POINTER) as (page, _):
-            mark("f0_50", snap=True)
-            mark("f1_50", snap=False)
+            mark("f0_50")
+            mark("f1_50")
             click("#tofit")
             wait("#trials", "mm", 8)
             drag(0, 0.3, 0.7)

@@ -1,6 +1,7 @@
 /* ---- a picture on which markers are placed: zoomed, moved, enlarged under a lens. The page has `names`, `width`, `height`,
-   `places` of the markers on a sketch, `frame` (the picture, of any size), `under(put)`, which draws below the points, and
-   `ready()`, which says what to do once all are placed. The picture lies on a canvas of its own, below that of the points ---- */
+   `places` of the markers on a sketch, `frame` (the picture, of any size), `under(put)`, which draws below the points,
+   `ready()`, which says what to do once all are placed, `waits()`, which says why nothing can be placed now, or nothing, and
+   `changed()`, called when points have changed. The picture lies on a canvas of its own, below that of the points ---- */
 const canvas = document.querySelector("canvas[tabindex]"), context = canvas.getContext("2d");
 const below = get("picture").getContext("2d", { alpha: false });
 const CLOSEST = 2, HIT = 10, LENS = Math.min(innerWidth, innerHeight) < 620 ? 52 : 75, SLOP = { mouse: 4, pen: 6, touch: 9 };
@@ -25,10 +26,18 @@ function remember(step = "") {
   lastStep = step;
   saved = false;
 }
-function place(marker, at) {
-  if (!inside(at)) return complain("That is outside of the frame: nothing was placed.");
+const apart = (p, q) => Math.hypot(p[0] - q[0], p[1] - q[1]);
+function place(marker, clicked, spot) {
+  if (!inside(clicked)) return complain("That is outside of the frame: nothing was placed.");
   remember();
-  points[marker] = at.map(round);
+  const put = at => Object.assign(at.map(round), { clicked, spot });
+  points[marker] = put(spot);
+  // a spot that two clicks find is no dot of either: both stay as they were clicked
+  points.forEach((p, i) => {
+    if (i === marker || !p?.spot || apart(p.spot, spot) >= CLOSEST) return;
+    points[i] = Object.assign(p.clicked.map(round), { clicked: p.clicked, spot });
+    points[marker] = put(clicked);
+  });
   chosen = marker; lifted = wanted = -1;
   update();
 }
@@ -44,7 +53,7 @@ function undo() {
   const before = history.pop();
   if (!before) return complain("There is nothing to undo.");
   ({ points, chosen, wanted } = before);
-  lifted = -1; lastStep = "";
+  lifted = -1; lastStep = ""; saved = false;
   update();
 }
 function clear() {
@@ -54,11 +63,10 @@ function clear() {
   chosen = lifted = wanted = -1;
   update();
 }
-function nearest(x, y, reach) {
+function nearest(at, reach, where = p => p) {
   let best = -1;
   points.forEach((p, i) => {
-    if (!p) return;
-    const [px, py] = toCss(p), distance = Math.hypot(px - x, py - y);
+    const distance = p ? view.k * apart(where(p), toFrame(...at)) : Infinity;
     if (distance <= reach) { best = i; reach = distance; }
   });
   return best;
@@ -115,33 +123,20 @@ function middleOf([cx, cy], reach) {
   return [x0 + sx / sum, y0 + sy / sum];
 }
 function click(x, y, exactly) {
-  const at = exactly ? toFrame(x, y) : snapped(toFrame(x, y));
-  if (lifted >= 0) return place(lifted, at);
+  if (waits()) return;
+  const at = toFrame(x, y), spot = exactly ? at : snapped(at);
+  if (lifted >= 0) return place(lifted, at, spot);
   // while there is something to place, a click beside a point is the next one: neighbors are close
-  const marker = next(), hit = nearest(x, y, marker < 0 ? HIT : Math.min(HIT, 4 * view.k));
+  const marker = next(), hit = marker < 0 ? nearest([x, y], HIT) : nearest([x, y], CLOSEST * view.k, p => p.clicked ?? p);
   if (hit >= 0) { chosen = lifted = hit; return update(); }
-  if (marker < 0) return complain(`All ${names.length} are placed: click one to move it, or download them.`);
-  place(marker, at);
+  if (marker < 0) return complain(`All ${names.length} are placed: click one to move it.`);
+  place(marker, at, spot);
 }
-function problem() {
-  const missing = names.filter((_, i) => !points[i]);
-  if (missing.length)
-    return `${names.length - missing.length} of ${names.length} markers are placed; still missing: ${joined(missing)}.`;
-  for (let i = 0; i < names.length; i++) for (let j = 0; j < i; j++)
-    if (Math.hypot(points[i][0] - points[j][0], points[i][1] - points[j][1]) < CLOSEST)
-      return `${names[j]} and ${names[i]} are on the same spot: move one of them.`;
-  return "";
-}
-const goOn = "give it to <b>swim2real track</b> with <b>--markers</b>";
-const text = () => JSON.stringify({
-  format: 1, video, width, height, frame: number,
-  markers: Object.fromEntries(names.flatMap((name, i) => points[i] ? [[name, points[i]]] : [])),
-}, null, 2) + "\n";
-
 /* ---- what is shown ---- */
 function update() {
-  const marker = next(), name = marker < 0 ? "" : safe(names[marker]);
-  if (lifted >= 0) tell(`Moving <b>${safe(names[lifted])}</b>: ${touch ? "tap" : "click"} its new place, or use the arrows.`);
+  const marker = waits() ? -1 : next(), name = marker < 0 ? "" : safe(names[marker]);
+  if (waits()) tell(waits());
+  else if (lifted >= 0) tell(`Moving <b>${safe(names[lifted])}</b>: ${touch ? "tap" : "click"} its new place, or use the arrows.`);
   else if (marker < 0) tell(`All ${names.length} are placed. ${ready()}`);
   else tell(`${touch ? "Tap" : "Click"} <b>${name}</b>${marker === 0 ? ", the first marker at the head" : marker === names.length - 1 ? ", the last one at the tail" : ""}.`
     + (points.some(p => p) ? "" : " Zoom in first, to hit its center."));
@@ -150,8 +145,7 @@ function update() {
     button.lastChild.textContent = points[i] ? points[i].map(v => v.toFixed(1)).join(", ") : i === marker ? "next" : "–";
     if (i === marker) button.setAttribute("aria-current", "step"); else button.removeAttribute("aria-current");
   });
-  get("download").dataset.complete = String(!problem());
-  get("json").textContent = text();
+  changed();
   sketch(lifted >= 0 ? lifted : marker);
   draw();
 }
@@ -320,7 +314,7 @@ canvas.addEventListener("pointerdown", event => {
   const [x, y] = local(event);
   pointers.set(event.pointerId, [x, y]);
   if (pointers.size === 1) {
-    const hit = event.button === 1 ? -1 : nearest(x, y, HIT);
+    const hit = event.button === 1 ? -1 : nearest([x, y], HIT);
     gesture = { kind: event.button === 1 ? "pan" : "click", x, y, hit, lastX: x, lastY: y, from: points[hit] };
   } else {
     gesture = pointers.size === 2 ? { kind: "pinch", ...span() } : { kind: "none" };

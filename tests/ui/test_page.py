@@ -64,8 +64,11 @@ def test_from_a_film_to_a_fit_by_clicks(folder, page):
         for place in places.values():
             clicked(page, (place[0] + 1.5, place[1] - 1.0))  # a hand, beside the middle
         shows(page, "#status", "All 9 are placed")
-        page.wait_for_timeout(1000)
-        saved = json.loads((folder / "f0_50.points.json").read_text())["markers"]
+        for button, count in (("#undo", 8), (None, 9)):
+            page.click(button) if button else clicked(page, place)
+            page.wait_for_timeout(1000)
+            saved = json.loads((folder / "f0_50.points.json").read_text())["markers"]
+            assert len(saved) == count
         page.click("#track")
         shows(page, "#said", "241 frames")
         shows(page, "#status", "correction")
@@ -75,6 +78,10 @@ def test_from_a_film_to_a_fit_by_clicks(folder, page):
         off = np.linalg.norm(found - list(saved.values()), axis=1)
         assert np.median(off) < 0.3  # px: clicks have snapped to the middles
 
+        page.click("#tofit")
+        page.click("#tofilm")  # before the fit is there
+        page.wait_for_timeout(3000)
+        shows(page, "#status", "All 9 are placed")
         page.click("#tofit")
         shows(page, "#trials", "mm")
         before = page.inner_text("#trials output")

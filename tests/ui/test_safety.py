@@ -88,7 +88,7 @@ def test_nothing_outside_of_the_folder_is_read(served, films, name):
         assert status == 400
         sentence = json.loads(body)["error"]
         assert "isn't in the folder" in sentence or "no video" in sentence  # of ~/x, a name in it that isn't there
-    values = {"values": {}, "name": "x"}
+    values = {"values": {}}
     fits = [{"reference": name, "robot": "fish"}, {"reference": ".", "robot": f"{name}.toml"},
             {"reference": ".", "robot": "fish", "run": name}]  # fmt: skip
     bodies = [("fit", one) for one in fits] + [(call, {**one, **values}) for one in fits for call in ("search", "keep")]

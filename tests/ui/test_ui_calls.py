@@ -4,7 +4,9 @@ import io
 import json
 import shutil
 import time
+from types import SimpleNamespace
 
+import cv2
 import numpy as np
 import pytest
 from live_page import FILM, serving, unpacked
@@ -12,12 +14,17 @@ from PIL import Image
 
 from drawn_swimmers import Swimmer, film
 from markertrack.points import load_points
-from markertrack.video import VideoReader
+from markertrack.video import VideoReader, VideoWriter
 from swim2real import load_reference, open_run
 from swim2real.calibration import Problem
 from swim2real.demo.example import FILMS, hidden_values
 from swim2real.robots.fish import FISH
-from swim2real.settings import EvaluationSettings
+from swim2real.settings import EvaluationSettings, VlmAccess
+from swim2real.ui import marking
+from swim2real.ui.films import FilmCache
+from swim2real.ui.project import Project
+from swimbase.errors import ArgumentError
+from vlm_server import replies
 
 QUERY = f"?film={FILM}&robot=fish"
 TRACKED = f"{QUERY}&reference=reference&trial=f0_50"
@@ -72,7 +79,32 @@ def test_points_are_saved_as_track_takes_them(served, films):
     for wrong in ({"markers": {"M0": ["x", 1]}}, {"markers": []}, {"other": 1}):
         assert "points" in refused(served, "mark", {"film": FILM, "kind": "points", "content": wrong})
     assert load_points(path, about["names"], 1280, 720).frame == 3
+    path.write_text(json.dumps({**content, "markers": {"snout": [1, 2]}}))
+    status, answer = served.ask("GET", f"/api/film{QUERY}")
+    assert (status, b"snout, which robot 'fish' doesn't have" in answer) == (400, True)
     path.write_bytes(before)
+
+
+def test_tables_beside_a_film_are_taken_and_tags_under_its_points_are_read(tmp_path, monkeypatch):
+    image, places = np.full((240, 380, 3), 255, np.uint8), {"a": [70, 120], "b": [190, 120], "c": [310, 120]}
+    tags = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
+    for number, (x, y) in enumerate(places.values()):
+        tag = cv2.aruco.generateImageMarker(tags, number, 60)
+        image[y - 30 : y + 30, x - 30 : x + 30] = tag[..., None]
+    with VideoWriter(tmp_path / "swim.mp4", 380, 240, 30) as writer:
+        for _ in range(3):
+            writer.write(image)
+    (tmp_path / "swim.points.json").write_text(json.dumps({"markers": places}))
+    (tmp_path / "swim.controls.csv").write_text("time_s,motor\n0,1\n")
+    taken, report = [], SimpleNamespace(lost_share=[0.0], trial="swim", frames=3)
+    track = lambda film, points, robot, settings, *folder, **more: taken.append((settings, more)) or track  # noqa: E731
+    track.report = report
+    monkeypatch.setattr(marking, "track_video", track)
+    robot = SimpleNamespace(marker_names=tuple(places))
+    marking.track(tmp_path / "swim.mp4", robot, tmp_path / "to", None, False, FilmCache(), None)
+    ((settings, more),) = taken
+    assert (settings.tracker, settings.tags) == ("aruco", "APRILTAG_36h11")
+    assert (more["controls"], more["sensors"]) == (tmp_path / "swim.controls.csv", None)
 
 
 def test_a_film_that_is_written_and_a_folder_without_one_are_no_fault(tmp_path):
@@ -182,13 +214,13 @@ def test_a_simulation_is_that_of_the_product(served, films, tracked):
 
 @pytest.mark.slow
 def test_a_search_is_a_run_that_the_commands_take(served, films, tracked):
-    begin = {**FIT, "values": FISH.space.published, "name": "fit-1"}
+    begin = {**FIT, "values": FISH.space.published}
     served.call("search", begin)
     until = time.monotonic() + 200
     while served.call("job").get("done", 0) < 3:
         assert time.monotonic() < until
         time.sleep(0.1)
-    assert "under way" in refused(served, "search", {**begin, "name": "fit-2"})
+    assert "under way" in refused(served, "search", begin)
     assert served.call("stop", {})["stopping"]
     job = served.ended()
     assert not job["fault"], job
@@ -198,7 +230,15 @@ def test_a_search_is_a_run_that_the_commands_take(served, films, tracked):
     assert job["bests"][-1][1] == pytest.approx(1e3 * min(run.losses))
     (listed,) = served.call("project")["runs"]
     assert (listed["path"], listed["robot"], listed["reference"]) == ("fit-1", "fish", "reference")
-    assert "'fit-1' is there" in refused(served, "search", begin)
+    served.call("work", {"kind": "resume", "run": "fit-1"})
+    until = time.monotonic() + 200
+    while served.call("job").get("done", 0) < len(run.losses) + 1 and time.monotonic() < until:
+        time.sleep(0.1)
+    served.call("stop", {})
+    assert "run fit-1" in served.ended()["said"]
+    before, run = run, open_run(films / "fit-1")
+    assert run.losses[: len(before.losses)] == before.losses
+    assert len(run.losses) > len(before.losses)
     for kind, file in (("export", "model.xml"), ("report", "report.html")):
         served.call("work", {"kind": kind, "run": "fit-1"})
         assert "is written" in served.ended()["said"]
@@ -208,8 +248,15 @@ def test_a_search_is_a_run_that_the_commands_take(served, films, tracked):
     assert FISH.space.check(served.ended()["values"])
 
 
-@pytest.mark.parametrize("name", ["../out", "a/b", ".hidden", "con"])
-def test_names_stay_in_the_folder(served, name):
-    body = {**FIT, "values": FISH.space.published, "name": name}
-    for call in ("search", "keep"):
-        assert "name" in refused(served, call, body)
+@pytest.mark.slow
+def test_a_vlm_is_asked_where_the_server_was_told_so(served, films, tracked, vlm, monkeypatch):
+    content = {"diagnosis": "too slow", "reasoning": "lift", "parameters": {"fluid_kutta_lift": 2.0}}
+    vlm.script(then=replies(json.dumps(content)))
+    monkeypatch.setattr(served.project, "advisor", "openai:some-model")
+    monkeypatch.setattr(served.project, "access", VlmAccess(base_url=vlm.url("openai"), tries=1))
+    served.call("ask", {**FIT, "values": FISH.space.published})
+    job = served.ended()
+    assert (job["said"], round(job["values"]["fluid_kutta_lift"], 9)) == ("too slow lift", 2.0)
+    assert list((films / "asked-1").rglob("call_*.json"))
+    with pytest.raises(ArgumentError, match="'files'; on the page it must be physics or PROVIDER:MODEL"):
+        Project(films, advisor="files")

@@ -100,8 +100,8 @@ def _unopened(path: Path, error: FFmpegError) -> str:
     with path.open("rb") as file:
         if file.read(8)[4:] in TOP_BOXES:
             return (
-                f"'{path}' ends before its index (the 'moov' box): the recording or the copy was cut off; copy it "
-                f"again, or repair it with a tool that has an intact video of the same camera"
+                f"'{path}' ends before its index (the 'moov' box): the recording or the copy was cut off or goes on; "
+                f"copy it again, or repair it with a tool that has an intact video of the same camera"
             )
     return f"'{path}' is not a video that FFmpeg can read ({error.strerror})"
 

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
+from itertools import count
 from pathlib import Path
 from typing import Any, Literal
 
@@ -19,11 +21,11 @@ from swim2real.report.pages import inline_svg
 from swim2real.report.run import read_run
 from swim2real.report.run_charts import speeds
 from swim2real.trials import load_reference
-from swim2real.ui.fit import Fit, camera_of
+from swim2real.ui.fit import Fit, camera_of, resumed
 from swim2real.ui.jobs import Job, JobNow
 from swim2real.ui.marking import about_film, save, track
 from swim2real.ui.project import Project
-from swimbase.checking import FileName, Number, PathText
+from swimbase.checking import Number, PathText
 from swimbase.errors import ArgumentError
 
 Call = Callable[[Project, Any], object]
@@ -100,13 +102,12 @@ class _OfRun(BaseModel, extra="forbid"):
 class _Work(_OfRun):
     """What is done with a run."""
 
-    kind: Literal["identify", "report", "export"]
+    kind: Literal["resume", "identify", "report", "export"]
 
 
-class _OfName(_OfValues):
-    """Values that are kept under a name."""
+class _Held(_OfValues):
+    """Values, and the trials that a search from them doesn't see."""
 
-    name: FileName
     held: tuple[str, ...] = ()
 
 
@@ -133,14 +134,14 @@ def _scene(project: Project, asked: _OfTrial) -> dict[str, object]:
     return vars(scene) if scene.film is None else {**vars(scene), **project.shown(scene.film)}
 
 
-def _search(project: Project, asked: _OfName) -> JobNow:
-    fit, out = _fit(project, asked), _new(project, asked.name)
+def _search(project: Project, asked: _Held) -> JobNow:
+    fit, out = _fit(project, asked), _new(project, "fit-{}")
     title = f"search from here, into {out.name}"
     return project.jobs.start("search", title, lambda job: fit.search(asked.values, asked.held, out, job))
 
 
-def _keep(project: Project, asked: _OfName) -> dict[str, str]:
-    fit, path = _fit(project, asked), _new(project, f"{asked.name}.json")
+def _keep(project: Project, asked: _OfValues) -> dict[str, str]:
+    fit, path = _fit(project, asked), _new(project, "values-{}.json")
     write_fit(path, fit.problem, fit.robot.space.check(asked.values))
     return {"said": f"{path.name} is written: evaluate, view and --first take it"}
 
@@ -148,7 +149,7 @@ def _keep(project: Project, asked: _OfName) -> dict[str, str]:
 def _track(project: Project, asked: _OfRobot) -> JobNow:
     film, folder = project.place(asked.film), project.place(asked.reference or "reference")
     robot, title = project.robot(asked.robot), f"tracking {film.name}"
-    work = partial(track, film, robot, folder, camera_of(film, project.root), asked.midline)
+    work = partial(track, film, robot, folder, camera_of(film, project.root), asked.midline, project.films)
     return project.jobs.start("track", title, work, film=asked.film)
 
 
@@ -157,14 +158,14 @@ def _work(project: Project, asked: _Work) -> JobNow:
     run = project.run(folder)
     if run.robot is None or run.reference is None:
         raise ArgumentError(f"'{asked.run}' is no run whose robot and trials are in this folder")
-    robot, reference = project.robot(run.robot), load_reference(project.folder(run.reference))
+    robot, trials = project.robot(run.robot), project.folder(run.reference)
 
     def identified(job: Job) -> str:
         def noted(progress: StudyProgress) -> None:
             job.note(done=progress.evaluations, total=progress.most)
             job.heed()
 
-        study = api.identify(folder, reference, robot=robot, on_progress=noted)
+        study = api.identify(folder, load_reference(trials), robot=robot, on_progress=noted)
         write_report(folder, robot)
         return f"the trials determine {study.determined:.1f} directions of {len(study.parameters)}"
 
@@ -176,25 +177,24 @@ def _work(project: Project, asked: _Work) -> JobNow:
         return f"{asked.run}/{write_report(folder, robot).name} is written: open it in a browser"
 
     works = {"identify": identified, "export": exported, "report": reported}
+    works["resume"] = partial(resumed, trials, robot, folder)
     return project.jobs.start(asked.kind, f"{asked.kind} {asked.run}", works[asked.kind])
 
 
 def _new(project: Project, name: str) -> Path:
-    path = project.place(name)
-    if path.exists():
-        raise ArgumentError(f"'{name}' is there; choose another name")
-    return path
+    """The first place of a numbered name where nothing is."""
+    return next(path for k in count(1) if not os.path.lexists(path := project.root / name.format(k)))
 
 
 def _ask(project: Project, asked: _OfValues) -> JobNow:
-    fit = _fit(project, asked)
-    return project.jobs.start("ask", "what the advisor says", lambda job: fit.ask(asked.values, job))
+    fit, name, out = _fit(project, asked), project.advisor, _new(project, "asked-{}")
+    return project.jobs.start("ask", f"asking {name}", partial(fit.ask, asked.values, name, project.access, out))
 
 
 def _speeds(project: Project, asked: _OfRun) -> dict[str, str]:
     folder = project.folder(asked.run)
     run = read_run(folder, project.robot(project.run(folder).robot or ""))
-    return {"svg": inline_svg(partial(speeds, run), "speeds")}
+    return {"svg": inline_svg(partial(speeds, run), "speeds") if run.has_beat else ""}
 
 
 CALLS: dict[str, tuple[type[BaseModel], Call]] = {
@@ -206,6 +206,6 @@ CALLS: dict[str, tuple[type[BaseModel], Call]] = {
     "POST track": (_OfRobot, _track), "POST work": (_Work, _work), "GET frame": (_OfFrame, _frame),
     "POST fit": (_OfFit, lambda project, asked: _fit(project, asked).about()), "POST scene": (_OfTrial, _scene),
     "POST simulate": (_OfValues, lambda project, asked: _fit(project, asked).simulated(asked.values, asked.trial)),
-    "POST search": (_OfName, _search), "POST keep": (_OfName, _keep), "POST ask": (_OfValues, _ask),
+    "POST search": (_Held, _search), "POST keep": (_OfValues, _keep), "POST ask": (_OfValues, _ask),
     "GET speeds": (_OfRun, _speeds),
 }  # fmt: skip

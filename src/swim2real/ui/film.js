@@ -98,8 +98,10 @@ function pause() {
 }
 get("play").onclick = tried(async () => {
   if (playing) { pause(); return go(number); }   // the picture itself
-  if (filming) { if (!saved) keepMarks(); points = []; }
-  playing = true;
+  if (filming && !about) throw new Error(waits());
+  if (filming && !saved) keepMarks();
+  playing = true; points = [];
+  if (filming) update();
   get("play").textContent = "❚❚";
   if (reel.address && player.requestVideoFrameCallback)
     try { return await roll(); } catch { reel.address = null; player.removeAttribute("src"); }

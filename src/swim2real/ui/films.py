@@ -1,4 +1,4 @@
-"""Films on the page: their frames as JPEG, the last ones kept."""
+"""Films on the page: their frames as JPEG. Those seen last the page keeps itself."""
 
 from __future__ import annotations
 
@@ -17,7 +17,6 @@ from swimbase.arrays import Array
 from swimbase.errors import VideoError
 
 _MOST_OPEN = 3  # films
-_MOST_BYTES = 64 << 20  # of pictures that are kept
 _LARGE = 3_000_000  # px of a picture, from which seeking is slow enough to be seen
 _SMALL, _OFF = 1280, 3.0  # width of a picture that is shown until then [px], and how far off it may be [s]
 _QUALITY = [cv2.IMWRITE_JPEG_QUALITY, 92, cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444]
@@ -54,45 +53,38 @@ def _jpeg(image: Image) -> bytes:
 
 
 class FilmCache:
-    """Films that were looked at last, and their last pictures. A film that has changed is opened anew."""
+    """Films that were looked at last. A film that has changed is opened anew."""
 
     def __init__(self) -> None:
         self._films: OrderedDict[tuple[Path, int, int], SeekableFilm] = OrderedDict()
-        self._pictures: OrderedDict[tuple[Path, int, int, int], bytes] = OrderedDict()
-        self._bytes = 0
         self._lock = threading.Lock()
 
     def opened(self, path: Path) -> OpenFilm:
         """Size, rate and times of a film."""
         with self._lock:
-            film, _ = self._film(path)
+            film = self._film(path)
             times = packed(np.array(film.times))
             return OpenFilm(*film.size, film.fps, len(film.times), times, film.size[0] * film.size[1] > _LARGE)
 
     def early(self, path: Path, number: int) -> tuple[bytes, int]:
         """A small picture near a frame, and its number: without decoding what lies between, unless it is far off."""
         with self._lock:
-            film, _ = self._film(path)
+            film = self._film(path)
             frame = film.key_frame(number)
             if film.times[number] - frame.time > _OFF:
                 frame = film.frame(number)
             return _jpeg(frame.scaled(min(_SMALL, film.size[0]))), frame.index
 
+    def image(self, path: Path, number: int) -> Image:
+        """A frame, upright, RGB. Shape (H, W, 3)."""
+        with self._lock:
+            return self._film(path).frame(number).image
+
     def picture(self, path: Path, number: int) -> bytes:
         """A frame as JPEG."""
-        with self._lock:
-            film, key = self._film(path)
-            place = (*key, number)
-            if place in self._pictures:
-                self._pictures.move_to_end(place)
-                return self._pictures[place]
-            content = self._pictures[place] = _jpeg(film.frame(number).image)
-            self._bytes += len(content)
-            while self._bytes > _MOST_BYTES:
-                self._bytes -= len(self._pictures.popitem(last=False)[1])
-            return content
+        return _jpeg(self.image(path, number))
 
-    def _film(self, path: Path) -> tuple[SeekableFilm, tuple[Path, int, int]]:
+    def _film(self, path: Path) -> SeekableFilm:
         try:
             known = path.stat()
         except OSError:
@@ -103,4 +95,4 @@ class FilmCache:
             while len(self._films) > _MOST_OPEN:
                 self._films.popitem(last=False)[1].close()
         self._films.move_to_end(key)
-        return self._films[key], key
+        return self._films[key]

@@ -20,15 +20,16 @@ async function simulate() {
   again = true;
   if (busy) return;
   busy = true; clearTimeout(rest);
-  const slow = setTimeout(() => { get("note").textContent = "Simulating … On a new machine the simulator is compiled first: up to a minute."; }, 3000);
+  const slow = setTimeout(() => { get("note").textContent = `Simulating … ${COMPILING}`; }, 3000);
   try {
-    while (again) {
+    while (again && !filming) {
       again = false;
       if (shown?.trial !== trial) await stage();
+      if (filming) break;
       const answer = await call("simulate", { ...fitted(), values, trial });
-      if (shown.trial in answer.errors) simulated = unpacked(answer.simulated);
+      if (shown?.trial in answer.errors) simulated = unpacked(answer.simulated);
       errors(answer);
-      if (get("note").textContent.startsWith("Simulating")) get("note").textContent = shown.note;
+      if (get("note").textContent.startsWith("Simulating")) get("note").textContent = shown?.note ?? "";
       if (!filming) draw();
     }
     rest = setTimeout(tried(async () => { if (!busy) errors(await call("simulate", { ...fitted(), values })); }), 300);
@@ -36,6 +37,7 @@ async function simulate() {
 }
 async function stage() {  // what the trial is drawn on
   const scene = await call("scene", { ...fitted(), trial });
+  if (filming) return;   // the person has turned to the films meanwhile
   scene.real = unpacked(scene.real); simulated = [];
   const last = scene.real.length / (2 * scene.markers) - 1, [width, height] = scene.size;
   if (playing) pause();
@@ -103,18 +105,24 @@ function card(name, isHeld) {  // of a trial: its small picture, its error, and 
   item.append(button, label);
   return item;
 }
-async function open() {
-  if (!get("reference").value) return complain("No trials are in this folder yet: track a film first.");
+async function sliders(begin) {  // with what a study of the run has found
   const about = await call("fit", fitted());
   parameters = about.parameters.map(p => ({ ...p, found: about.intervals[p.name] }));
   get("sliders").replaceChildren(...parameters.map(slider));
-  get("trials").replaceChildren(...about.trials.map(name => card(name, about.held.includes(name))));
-  past = []; shown = null; put(about.values);
-  get("results").hidden = !get("from").value;
-  await Promise.all([speeds(), choose(about.trials.includes(trial) ? trial : about.trials[0])]);
+  put(begin ?? about.values);
+  return about;
 }
-async function speeds() {  // over the frequency of the beat, held-out trials open; a run without a beat has none
-  const run = get("from").value;
+async function open() {
+  if (!get("reference").value) return complain("No trials are in this folder yet: track a film first.");
+  const about = await sliders();
+  get("trials").replaceChildren(...about.trials.map(name => card(name, about.held.includes(name))));
+  past = []; shown = null;
+  await Promise.all([results(), choose(about.trials.includes(trial) ? trial : about.trials[0])]);
+}
+async function results() {  // verdict, and speeds over the frequency of the beat, held-out trials open, where there is one
+  const run = get("from").value, { verdict, sentence } = project.runs.find(one => one.path === run) ?? {};
+  get("results").hidden = !run;
+  get("verdict").innerHTML = verdict ? `<b>${safe(verdict)}</b>: ${safe(sentence)}` : run && "No verdict: this search was cut off; it can go on.";
   get("speeds").innerHTML = run ? (await call("speeds", null, { run })).svg : "";
 }
 async function choose(name) {
@@ -129,9 +137,8 @@ get("from").onchange = tried(() => {
   if (run) { get("reference").value = run.reference; get("robot").value = run.robot; }
   return open();
 });
-const free = stem => { let n = 1; while (project.taken.includes(`${stem}-${n}`)) n++; project.taken.push(`${stem}-${n}`); return `${stem}-${n}`; };
-get("search").onclick = tried(async () => { await call("search", { ...fitted(), values, held: held(), name: free("fit") }); await watch(); });
+get("search").onclick = tried(async () => { await call("search", { ...fitted(), values, held: held() }); await watch(); });
 get("ask").onclick = tried(async () => { await call("ask", { ...fitted(), values }); await watch(); });
-get("keep").onclick = tried(async () => { get("note").textContent = (await call("keep", { ...fitted(), values, name: free("values") })).said; });
+get("keep").onclick = tried(async () => { get("note").textContent = (await call("keep", { ...fitted(), values })).said; });
 for (const button of document.querySelectorAll("[data-work]"))
   button.onclick = tried(async () => { await call("work", { kind: button.dataset.work, run: get("from").value }); await watch(); });

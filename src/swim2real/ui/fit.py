@@ -5,14 +5,15 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
 import numpy as np
 
 from markertrack.camera import fixed_camera
 from markertrack.camera_file import read_camera
-from swim2real.advisor.choice import make_advisor
+from swim2real.advisor.choice import AdvisorContext, make_advisor
+from swim2real.advisor.vlm.advisor import AdvisorEvent
 from swim2real.calibration import Problem, Progress, RunFolder
 from swim2real.calibration.loop import write_fit
 from swim2real.identification.identifiability import Interval, study_of
@@ -25,12 +26,12 @@ from swim2real.pipeline.overlays import in_world, off_its_film
 from swim2real.rendering.trial_view import view_of
 from swim2real.report import write_report
 from swim2real.robots.robot import Robot
-from swim2real.settings import PHYSICS, CalibrationSettings
-from swim2real.trials import load_reference
+from swim2real.settings import CalibrationSettings, VlmAccess, asks_a_vlm
+from swim2real.trials import TrialSet, load_reference
 from swim2real.ui.films import FilmCache, packed
 from swim2real.ui.jobs import Job
 from swimbase.arrays import Array
-from swimbase.errors import AdvisorError, RunError
+from swimbase.errors import AdvisorError, ArgumentError, RunError
 
 CAMERA = "camera.json"
 _GROUND, _SMALL = (1280, 720), (128, 56)  # px of the ground of a trial without a film, and of the small pictures
@@ -199,27 +200,27 @@ class Fit:
         first = out / "first.json"
         out.mkdir()
         write_fit(first, self.problem, self.robot.space.check(values))
-
-        def noted(progress: Progress) -> None:
-            job.note(done=progress.done, run=out.name)
-            if progress.improved:
-                job.improved(1e3 * progress.best, progress.values)
-            if job.now.stopping:
-                progress.stop()
-
         settings = replace(self.settings, first=str(first), hold_out=held)
-        outcome = calibrate(
-            self.reference, self.robot, settings, out, source=str(self.folder), on_progress=noted,
-            on_warning=lambda line: job.note(warning=line),
-        )  # fmt: skip
-        if not job.now.stopping:
-            write_report(out, self.robot)
-        return f"run {out.name}: {outcome.verdict.sentence if outcome.verdict else 'done'}"
+        return searched(self.folder, self.reference, self.robot, settings, out, job)
 
-    def ask(self, values: Values, job: Job) -> str:
-        """Has the built-in advisor say what differs, and propose values."""
-        space = self.robot.space
-        advisor = make_advisor(PHYSICS, self.robot, space, 0)
+    def ask(self, values: Values, name: str, access: VlmAccess, out: Path, job: Job) -> str:
+        """Has an advisor say what differs, and propose values.
+
+        Args:
+            values: Values that it is shown.
+            name: Name of the advisor.
+            access: How a VLM is reached.
+            out: Folder for what a VLM was asked and answered.
+            job: Where it says how far it is.
+        """
+
+        def noted(event: AdvisorEvent) -> None:
+            job.note(warning=event.text)
+            job.heed()
+
+        space, problem = self.robot.space, self.problem
+        context = AdvisorContext(out, problem.evaluate, problem.speeds_from_rest, access=access, on_event=noted)
+        advisor = make_advisor(name, self.robot, space, 0, context)
         here = self._evaluated(Candidate(space.to_cube(values)))
         measured: list[Evaluation] = []
         while isinstance(advice := advisor.propose(Situation(here, (), here, tuple(measured))), Measurement):
@@ -237,6 +238,49 @@ class Fit:
         comparison = self.problem.evaluate(self.robot.space.to_values(candidate.point))
         failed = comparison.divergence is not None
         return Evaluation(candidate, comparison.loss, failed, evidence(comparison), comparison.residual_vector())
+
+
+def resumed(folder: Path, robot: Robot, run: Path, job: Job) -> str:
+    """Goes on with a run until it is done, as `calibrate --resume` does without a budget."""
+    made = RunFolder(run).settings()
+    if asks_a_vlm(made.advisor):
+        raise ArgumentError(f"run '{run.name}' asks '{made.advisor}'; go on with: swim2real calibrate … --resume")
+    free = ("method", "budget", "minutes", "finish", "starts", "probes")
+    kept = {one.name: getattr(made, one.name) for one in fields(CalibrationSettings) if one.name not in free}
+    return searched(folder, load_reference(folder), robot, CalibrationSettings(**kept), run, job, resume=True)
+
+
+def searched(
+    folder: Path, reference: TrialSet, robot: Robot, settings: CalibrationSettings, out: Path, job: Job,
+    resume: bool = False,
+) -> str:  # fmt: skip
+    """Calibrates into a run folder; a person's stop concludes it.
+
+    Args:
+        folder: Reference folder.
+        reference: Its trials.
+        robot: The robot.
+        settings: Settings of the run.
+        out: Run folder.
+        job: Where it says how far it is.
+        resume: Whether it goes on with the run that is there.
+    """
+
+    def noted(progress: Progress) -> None:
+        job.note(done=progress.done, run=out.name)
+        if progress.improved:
+            job.improved(1e3 * progress.best, progress.values)
+        if job.now.stopping:
+            progress.stop()
+
+    outcome = calibrate(
+        reference, robot, settings, out, source=str(folder), resume=resume, on_progress=noted,
+        on_warning=lambda line: job.note(warning=line),
+    )  # fmt: skip
+    if not job.now.stopping:
+        write_report(out, robot)
+    verdict = outcome.verdict
+    return f"run {out.name}: " + (f"{verdict.title}: {verdict.sentence}" if verdict else "done")
 
 
 def camera_of(film: Path, root: Path) -> Path | None:

@@ -1,17 +1,19 @@
 /* ---- the job that is under way, whoever began it ---- */
-let job = { number: -1, bests: [] }, timer = 0, followed = "", cut = false;
+let job = { number: -1, bests: [], running: false }, timer = 0, followed = "", cut = false;
 async function watch() {
   clearTimeout(timer);
   let wait = 2000;
   try {
     const now = await call("job"), ended = job.running && !now.running || now.number > job.number && job.number >= 0 && !now.running;
+    const changed = now.running !== job.running;
     job = now;
+    if (changed && filming) update();
     if (cut) { cut = false; get("alert").textContent = ""; }
     if (job.running) wait = 300;
     get("job").hidden = !job.title;
     get("doing").textContent = job.title;
     get("progress").textContent = [job.done && `${job.done}${job.total ? ` of ${job.total}` : ""}`, job.bests.length && `${job.bests.at(-1)[1].toFixed(2)} mm`, `${job.seconds} s`].filter(Boolean).join(" · ");
-    get("said").textContent = job.fault || job.said || (job.stopping ? "ending …" : job.warning);
+    get("said").textContent = job.fault || job.said || (job.stopping ? "ending …" : !job.done && job.seconds > 3 ? COMPILING : job.warning);
     get("stop").hidden = !job.running; get("stop").disabled = job.stopping;
     chart(job.bests);
     const news = JSON.stringify(job.values);
@@ -22,7 +24,7 @@ async function watch() {
     }
     if (filming && job.running && job.places && job.film === reel.path && !fetching) go(job.done - 1).catch(() => {});
     followed = job.running || ended ? news : "";
-    if (ended) { await list(); if (job.run) { get("from").value = job.run; get("results").hidden = false; await speeds(); } if (job.kind === "track" && filming) await film(); }
+    if (ended) { await list(); if (job.run) { get("from").value = job.run; await results(); } if (job.kind === "track" && filming) await film(); if (job.kind === "identify" && !filming) await sliders(values); }
   } catch (error) { cut = true; complain(error.message); }
   timer = setTimeout(watch, wait);
 }
@@ -48,7 +50,7 @@ async function list() {
 async function turn(toFilm) {
   if (playing) pause();
   if (!saved) keepMarks();
-  filming = toFilm; frame = null; shown = null;
+  filming = toFilm; frame = shown = opening = null;
   get("filming").hidden = !filming; get("fitting").hidden = filming; get("doubts").hidden = !filming;
   get("tofilm").setAttribute("aria-pressed", filming); get("tofit").setAttribute("aria-pressed", !filming);
   await (filming ? film() : open());

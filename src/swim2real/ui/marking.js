@@ -1,20 +1,23 @@
 /* ---- the film: points of one frame, then corrections of its track, saved as they are clicked ---- */
-let about = null, corrected = new Map();   // corrections by frame: by marker [x, y], or null where it is hidden
+let about = null, opening = null, corrected = new Map();   // corrections by frame: by marker [x, y], or null where it is hidden
 const tracked = n => about?.track && n >= about.track.first && n < about.track.first + about.track.frames ? row(about.track.positions, n - about.track.first, names.length) : undefined;
 const asked = () => {  // the film with what the list has of it
-  const { path, reference, trial } = project.films.find(one => one.path === get("film").value);
+  const { path, reference, trial } = project.films.find(one => one.path === get("film").value) ?? {};
+  if (!path) throw new Error("No film is in this folder: put some there and load the page again.");
   return Object.fromEntries(Object.entries({ film: path, robot: get("robot").value, midline: get("midline").checked, reference, trial }).filter(([, value]) => value));
 };
 async function film() {
-  if (!get("film").value) return complain("No film is in this folder: put some there and load the page again.");
   if (!saved) keepMarks();
-  const path = get("film").value;
   if (playing) pause();
-  about = { path, ...await call("film", null, asked()) };
+  about = frame = opening = null; points = []; update();
+  const own = opening = asked();
+  update();
+  const found = await call("film", null, own).catch(error => { opening = null; update(); throw error; });
+  if (opening !== own) return;   // another one was chosen meanwhile
+  about = { path: own.film, ...found };
   if (about.track) about.track.positions = unpacked(about.track.positions);
   ({ names, places, video } = about);
   load(about, 0, about.frames - 1);
-  file = `${video.replace(/\.[^.]*$/, "")}.${about.track ? "corrections" : "points"}.json`;
   corrected = new Map((about.corrections?.frames ?? []).map(({ frame, markers }) => [frame, markers]));
   get("about").textContent = `${width} × ${height} px, ${about.frames} frames, ${about.fps.toFixed(2)} per second`;
   get("list").replaceChildren(...items());
@@ -29,7 +32,9 @@ async function film() {
   fit();
   await go(about.track ? about.track.first : about.points?.frame ?? 0);
 }
+const tracking = () => job.running && job.kind === "track" && job.film === reel.path;
 function seen() {
+  if (!about) return draw();
   const own = about.track ? corrected.get(number) : number === (about.points?.frame ?? 0) ? about.points?.markers : null;
   points = names.map((name, m) => own?.[name] !== undefined ? own[name] : tracked(number)?.[m] ?? null);
   chosen = lifted = wanted = -1; history = []; lastStep = ""; marked = number;
@@ -53,11 +58,13 @@ function keepMarks() {
     if (whole && marked !== (about.points.frame ?? 0) && Object.keys(mine).length < names.length) return;  // of another frame
     about.points = content = { ...content, frame: marked, markers: mine };
   }
-  call("mark", { film: about.path, kind: about.track ? "corrections" : "points", content }).catch(error => { saved = false; complain(error.message); });
+  const asked = { film: about.path, kind: about.track ? "corrections" : "points", content };
+  saving = saving.then(() => call("mark", asked)).catch(error => { saved = false; complain(error.message); });
 }
+let saving = Promise.resolve();   // one after the other
 setInterval(() => { if (filming && !saved && !gesture) keepMarks(); }, 300);
 get("clear").onclick = () => {
-  if (!about.track) return clear();
+  if (!about?.track) return clear();
   remember(); points = names.map((_, m) => tracked(number)?.[m] ?? null); update();   // as the track has it
 };
 get("hide").onclick = () => {
@@ -77,5 +84,5 @@ get("doubt").onclick = tried(async () => {   // the next click puts its first ma
 document.addEventListener("keydown", ({ key, ctrlKey, metaKey }) => {
   if (filming && about?.track && !ctrlKey && !metaKey) ({ n: get("doubt"), h: get("hide") })[key]?.click();
 });
-get("track").onclick = tried(async () => { if (!saved) keepMarks(); await call("track", asked()); await watch(); });
+get("track").onclick = tried(async () => { if (!saved) keepMarks(); await saving; await call("track", asked()); await watch(); });
 get("film").onchange = get("midline").onchange = tried(film);

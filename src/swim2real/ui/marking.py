@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import threading
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -10,19 +12,22 @@ import numpy as np
 
 from markertrack.corrections import find_stretches
 from markertrack.following import FrameProgress
-from markertrack.points import MarkersFile
+from markertrack.points import MarkersFile, load_points
+from markertrack.tracking.tags import dictionary_at
 from markertrack.video import film_name
 from swim2real.pipeline.tracking import TRACKS, TrackingReport, track_video
 from swim2real.robots.robot import Robot
 from swim2real.settings import TrackingSettings
 from swim2real.trials import load_reference
 from swim2real.trials.pose_tables import read_dlc
-from swim2real.ui.films import packed
+from swim2real.ui.films import FilmCache, packed
 from swim2real.ui.jobs import Job
 from swim2real.ui.project import Project
 from swimbase.checking import check, read
 from swimbase.errors import ArgumentError, TrackingError
 from swimbase.store import write_json, writing
+
+_SAVING = threading.Lock()  # two pages may save the same file
 
 
 @dataclass(frozen=True)
@@ -63,9 +68,12 @@ def about_film(
         for kind in ("points", "corrections")
         for file in [_file(path, kind)]
     }
+    for kind, content in clicked.items():
+        frames = [] if content is None else [content, *(content.get("frames") or ())]
+        _check_names(f"{kind} of '{film}'", [name for one in frames for name in one.get("markers") or ()], body)
     shown, track = project.shown(film), None
     if reference is not None and trial is not None:
-        track = _track(project.folder(reference), trial, project.films.opened(path).fps, body.marker_names)
+        track = _track(project.folder(reference), trial, project.films.opened(path).fps, body)
     kept = slice(None, None, max(len(body.marker_names) - 1, 1) if midline and track is None else 1)  # head and tail
     along = np.linalg.norm(np.diff(body.rest_markers[kept], axis=0), axis=1) if body.marker_names else np.zeros(0)
     sketch = np.concatenate([[0.0], np.cumsum(along)]) / max(float(along.sum()), 1e-9)
@@ -73,12 +81,21 @@ def about_film(
     return {**shown, **clicked, **names, "video": path.name, "track": track}
 
 
-def _track(folder: Path, trial: str, fps: float, names: tuple[str, ...]) -> Tracked | None:
+def _check_names(what: str, names: Iterable[str], robot: Robot) -> None:
+    """Refuses what has markers that the robot doesn't have."""
+    if other := [name for name in dict.fromkeys(names) if name not in robot.marker_names]:
+        raise TrackingError(
+            f"the {what} have {', '.join(other[:3])}, which robot '{robot.name}' doesn't have; choose the film's robot"
+        )
+
+
+def _track(folder: Path, trial: str, fps: float, robot: Robot) -> Tracked | None:
     table, page = (folder / TRACKS / f"{trial}.{kind}" for kind in ("pixels.csv", "json"))
     if not table.is_file() or not page.is_file():
         return None
     track, there = read_dlc(table, fps)
-    if there != names:
+    _check_names(f"markers of trial '{trial}'", there, robot)
+    if there != robot.marker_names:
         return None
     begin = load_reference(folder)[trial].video_begin
     stretches = [(one.first, one.last, one.reason, one.markers) for one in find_stretches(track)]
@@ -90,13 +107,15 @@ def save(film: Path, kind: str, content: dict[str, Any]) -> dict[str, str]:
     """Writes points or corrections beside the film, as `track` takes them."""
     path = _file(film, kind)
     checked = check(MarkersFile, content, kind, TrackingError)
-    with writing(path, TrackingError, "allow writing there"):
+    with _SAVING, writing(path, TrackingError, "allow writing there"):
         write_json(path, checked.model_dump(exclude_unset=True))
     return {"said": f"{path.name} is saved"}
 
 
-def track(film: Path, robot: Robot, folder: Path, camera: Path | None, midline: bool, job: Job) -> str:
-    """Tracks a film from its points, around its corrections where there are any, into a reference folder.
+def track(
+    film: Path, robot: Robot, folder: Path, camera: Path | None, midline: bool, films: FilmCache, job: Job
+) -> str:  # fmt: skip
+    """Tracks a film from its points, with its tables and around its corrections where there are any, into a reference.
 
     Args:
         film: Path of the film.
@@ -104,19 +123,30 @@ def track(film: Path, robot: Robot, folder: Path, camera: Path | None, midline: 
         folder: Reference folder.
         camera: Path of the camera file.
         midline: Whether a midline is followed.
+        films: Films that are open.
         job: Where it says how far it is.
     """
+    points, corrections, controls, sensors = (
+        file if (file := _file(film, kind, suffix)).is_file() else None
+        for kind, suffix in (("points", "json"), ("corrections", "json"), ("controls", "csv"), ("sensors", "csv"))
+    )
     page = folder / TRACKS / f"{film_name(film)}.json"
     if page.is_file():
         before = read(TrackingReport, page, "report of a track", TrackingError)
-        begun = load_reference(folder)[before.trial].video_begin
+        there = load_reference(folder)[before.trial]
         midline = before.tracker == "midline"
-        if before.tracker not in ("detection", "midline") or before.rate_from == "given" or begun:
+        elsewhere = any(a is not None and b is None for a, b in ((there.controls, controls), (there.sensors, sensors)))
+        if before.rate_from == "given" or there.video_begin or elsewhere:
             raise ArgumentError(
                 f"'{film.name}' was tracked with options that the page doesn't have; go on with `swim2real track` and "
                 f"--corrections {_file(film, 'corrections').name}"
             )
-    points, corrections = _file(film, "points"), _file(film, "corrections")
+    settings = TrackingSettings(camera=camera, midline=midline)
+    if points is not None and not midline:
+        about = films.opened(film)
+        anchor = load_points(points, robot.marker_names, about.width, about.height)
+        tags = dictionary_at(films.image(film, anchor.frame), anchor.points)
+        settings = settings if tags is None else replace(settings, tracker="aruco", tags=tags)
 
     def noted(progress: FrameProgress) -> None:
         job.note(done=progress.done, total=progress.total, **({"warning": progress.note} if progress.note else {}))
@@ -125,15 +155,15 @@ def track(film: Path, robot: Robot, folder: Path, camera: Path | None, midline: 
         job.heed()
 
     report = track_video(
-        film, points if points.is_file() else "auto", robot, TrackingSettings(camera=camera, midline=midline), folder,
-        corrections=corrections if corrections.is_file() else None, on_progress=noted,
+        film, points or "auto", robot, settings, folder, corrections=corrections, controls=controls, sensors=sensors,
+        on_progress=noted,
     ).report  # fmt: skip
     lost = max(report.lost_share, default=0.0)
     return f"{report.trial}: {report.frames} frames, at most {100 * lost:.1f} % of them without a marker"
 
 
-def _file(film: Path, kind: str) -> Path:
-    path = film.with_name(f"{film_name(film)}.{kind}.json")
+def _file(film: Path, kind: str, suffix: str = "json") -> Path:
+    path = film.with_name(f"{film_name(film)}.{kind}.{suffix}")
     if path.is_symlink():
         raise ArgumentError(f"'{path.name}' is a link, which isn't followed; put the file itself there")
     return path

@@ -8,6 +8,7 @@ import secrets
 import tomllib
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
+from itertools import islice
 from pathlib import Path
 from urllib.parse import quote
 
@@ -16,6 +17,7 @@ from swim2real.calibration.run_folder import SETTINGS
 from swim2real.parameters.file import BEST
 from swim2real.robots import ROBOTS, load_robot
 from swim2real.robots.robot import Robot
+from swim2real.settings import FILES, PHYSICS, VlmAccess, check_advisor, replayed_run
 from swim2real.trials.reference import FILMS, INDEX, Index
 from swim2real.ui.films import FilmCache
 from swim2real.ui.fit import Fit
@@ -55,18 +57,18 @@ class ListedRun:
     usable: bool = False
     error: float | None = None
     verdict: str | None = None
+    sentence: str = ""
 
 
 @dataclass(frozen=True)
 class Content:
-    """What is in a folder; `taken` are the names that a new file can't have."""
+    """What is in a folder."""
 
     folder: str
     films: list[ListedFilm]
     references: list[ListedReference]
     runs: list[ListedRun]
     robots: list[str]
-    taken: list[str]
 
 
 @dataclass
@@ -79,6 +81,8 @@ class Project:
         films: Films that are open.
         secret: By it the addresses of films are sealed.
         fit: The fit that is open, after what it is of.
+        advisor: Who is asked about a fit.
+        access: How it is reached, if it is a VLM.
     """
 
     root: Path
@@ -86,8 +90,15 @@ class Project:
     films: FilmCache = field(default_factory=FilmCache)
     secret: bytes = field(default_factory=lambda: secrets.token_bytes(24), repr=False)
     fit: tuple[object, Fit] | None = None
+    advisor: str = PHYSICS
+    access: VlmAccess = field(default_factory=VlmAccess)
 
     def __post_init__(self) -> None:
+        check_advisor(self.advisor)
+        if self.advisor == FILES or replayed_run(self.advisor) is not None:
+            raise ArgumentError(
+                f"advisor is '{self.advisor}'; on the page it must be {PHYSICS} or PROVIDER:MODEL: you have the sliders"
+            )
         if not self.root.is_dir():
             raise ArgumentError(f"'{self.root}' is no folder; give the one with your films, or where `demo` wrote")
         self.root = self.root.resolve()
@@ -136,7 +147,9 @@ class Project:
         references: list[ListedReference] = []
         runs: list[ListedRun] = []
         robots = list[str]()
-        for path in self._files():
+        paths = list(islice(self._files(), _MOST + 1))
+        shown = self.root.name + (f" (its first {_MOST} files)" if len(paths) > _MOST else "")
+        for path in paths[:_MOST]:
             folder = path.parent
             if path.name == INDEX:
                 references.append(ListedReference(self.name(folder), self._trials(folder)))
@@ -150,8 +163,7 @@ class Project:
             for trial, film in reference.trials.items():
                 if film in films:
                     films[film] = replace(films[film], reference=reference.path, trial=trial)
-        taken = sorted({path.stem for path in self.root.iterdir()})
-        return Content(self.root.name, list(films.values()), references, runs, [*robots, *ROBOTS], taken)
+        return Content(shown, list(films.values()), references, runs, [*robots, *ROBOTS])
 
     def run(self, folder: Path) -> ListedRun:
         """A run in the list: robot, reference, and how it ended."""
@@ -164,21 +176,19 @@ class Project:
         robot = settings.robot if file is None else self.name(file) if file.is_relative_to(self.root) else None
         reference = (folder / settings.reference).resolve()
         fit, verdict = (None, None) if outcome is None else (outcome.fit, outcome.verdict)
+        ended = () if verdict is None else (verdict.title, verdict.sentence)
         return ListedRun(
             self.name(folder), robot, self.name(reference) if reference.is_relative_to(self.root) else None,
-            (folder / BEST).is_file(), None if fit is None else fit.error, None if verdict is None else verdict.kind,
+            (folder / BEST).is_file(), None if fit is None else fit.error, *ended,
         )  # fmt: skip
 
     def _files(self) -> Iterator[Path]:
         """Files in the folder, in order, without hidden ones and links to folders."""
-        count = 0
         for folder, folders, names in os.walk(self.root):
             deep = len(Path(folder).relative_to(self.root).parts) >= _DEEPEST
             folders[:] = [] if deep else sorted(name for name in folders if name[0] != ".")
             for name in sorted(names):
-                path, count = Path(folder, name), count + 1
-                if count > _MOST:
-                    return
+                path = Path(folder, name)
                 if name[0] != "." and path.resolve().is_relative_to(self.root):
                     yield path
 

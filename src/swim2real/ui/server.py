@@ -17,15 +17,12 @@ import socket
 import sys
 import tempfile
 import webbrowser
-from collections.abc import Callable, Mapping
-from contextlib import suppress
-from mimetypes import guess_type
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from tornado.httpserver import HTTPServer
-from tornado.iostream import StreamClosedError
-from tornado.web import Application, HTTPError, RequestHandler
+from tornado.web import Application, HTTPError, RequestHandler, StaticFileHandler
 
 from markertrack.pages import filled
 from swim2real.ui.calls import CALLS, Picture
@@ -36,8 +33,6 @@ from swimbase.errors import ArgumentError, Swim2RealError
 ADDRESS = "127.0.0.1"
 _LOCAL = re.compile(r"(localhost|127\.0\.0\.1|\[::1\])(:[0-9]{1,5})?")  # also of the near end of a tunnel
 _MOST_BODY, _MOST_HEADER = 1 << 20, 1 << 14  # bytes
-_PART = 1 << 18  # bytes of a film that are read at a time
-_BEGIN = re.compile(r"bytes=([0-9]{1,18})-([0-9]{0,18})")
 _HEADERS = {
     "Content-Security-Policy": "frame-ancestors 'none'", "X-Content-Type-Options": "nosniff",
     "Referrer-Policy": "no-referrer", "Cache-Control": "no-store", "Cross-Origin-Resource-Policy": "same-origin",
@@ -47,11 +42,10 @@ _HEADERS = {
 class _Guarded(RequestHandler):
     """Refuses all but the page's own requests; an error is a sentence as JSON."""
 
-    token = ""
-    project: Project
-
-    def initialize(self, token: str, project: Project) -> None:
-        self.token, self.project = token, project
+    @property
+    def project(self) -> Project:
+        """The folder that is served."""
+        return self.settings["project"]
 
     def set_default_headers(self) -> None:
         for name, value in _HEADERS.items():
@@ -82,7 +76,7 @@ class _Call(_Guarded):
     def prepare(self) -> None:
         super().prepare()
         given = self.request.headers.get("Authorization", "")
-        if not secrets.compare_digest(given.encode(errors="replace"), f"Bearer {self.token}".encode()):
+        if not secrets.compare_digest(given.encode(errors="replace"), f"Bearer {self.settings['token']}".encode()):
             raise HTTPError(403)
 
     async def get(self, name: str) -> None:
@@ -116,30 +110,18 @@ class _Call(_Guarded):
         self.finish(json.dumps(answer, default=vars, allow_nan=False))
 
 
-class _Film(_Guarded):
+class _Film(_Guarded, StaticFileHandler):
     """A film for the browser's own player, which sends no header: its address has a secret, of this film alone."""
 
-    async def get(self, secret: str, name: str) -> None:
+    async def get(self, path: str, include_body: bool = True) -> None:
+        secret, _, name = path.partition("/")
         if not secrets.compare_digest(secret.encode(), self.project.seal(name).encode()):
             raise HTTPError(403)
-        with self.project.place(name).open("rb") as file:
-            size = os.fstat(file.fileno()).st_size
-            begin = _BEGIN.match(self.request.headers.get("Range", ""))
-            first, last = (int(begin[1]), min(int(begin[2] or size), size - 1)) if begin else (0, size - 1)
-            if first > last:
-                raise HTTPError(416)
-            self.set_status(206 if begin else 200)
-            self.set_header("Content-Type", guess_type(name)[0] or "video/mp4")
-            self.set_header("Content-Length", str(last + 1 - first))
-            self.set_header("Accept-Ranges", "bytes")
-            if begin:
-                self.set_header("Content-Range", f"bytes {first}-{last}/{size}")
-            file.seek(first)
-            with suppress(StreamClosedError):  # the player has what it wants
-                while first <= last and (part := await asyncio.to_thread(file.read, min(_PART, last + 1 - first))):
-                    first += len(part)
-                    self.write(part)
-                    await self.flush()
+        self.project.place(name)
+        await super().get(name, include_body)
+
+    def compute_etag(self) -> str | None:
+        return None  # it would be of all of the film's bytes
 
 
 def listening(port: int) -> list[socket.socket]:
@@ -174,8 +156,8 @@ async def serve(
     for log in ("tornado.access", "tornado.general"):  # a stranger's requests are no news
         logging.getLogger(log).setLevel(logging.CRITICAL)
     token = token or secrets.token_urlsafe(24)
-    given: Mapping[str, Any] = {"token": token, "project": project}
-    app = Application([(r"/", _Page, given), (r"/api/([a-z]+)", _Call, given), (r"/film/([\w-]+)/(.+)", _Film, given)])
+    routes = [(r"/", _Page), (r"/api/([a-z]+)", _Call), (r"/film/(.+)", _Film, {"path": str(project.root)})]
+    app = Application(routes, token=token, project=project)
     server = HTTPServer(app, max_body_size=_MOST_BODY, max_buffer_size=2 * _MOST_BODY, max_header_size=_MOST_HEADER)
     server.add_sockets(sockets)
     try:
