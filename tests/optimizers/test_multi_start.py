@@ -151,7 +151,7 @@ def test_a_start_that_is_known_to_be_good_is_followed_before_the_others_are_eval
 def decoyed(point, leads):
     """Stages of two trials; the second one's residual is least far from the goal, but for a narrow space around it."""
     first = 0.1 * linear(point)
-    near = np.abs(point - GOAL).max() < 0.05
+    near = np.abs(point - GOAL).max() < 0.03
     second = (point - GOAL) if near else 0.3 + np.abs(point - np.array([0.9, 0.2, 0.1]))
     whole = np.concatenate([first, second])
     lengths = np.maximum([np.linalg.norm(first), np.linalg.norm(second)], 1e-3)
@@ -167,5 +167,5 @@ def test_trials_that_are_explained_lead_to_where_others_are_explained_as_well(le
         stages = decoyed(candidate.point, leads)
         return Evaluation(candidate, float(np.linalg.norm(stages[-1][0])), stages=stages)
 
-    told = answered(MultiStart([MIDDLE, np.full(D, 0.2)], streams(seed)[1]), 300, answer)
+    told = answered(MultiStart([MIDDLE, np.full(D, 0.2)], streams(seed)[1]), 550, answer)
     assert (lowest(told) < 0.01) == leads

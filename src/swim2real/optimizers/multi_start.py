@@ -152,13 +152,13 @@ class MultiStart(Optimizer):
         while True:
             every, *led = self._orders
             yield from self._follow((yield from self._taken(_EASED, every.eased)), every)
+            if every.eased > every.body:
+                bodies = yield from self._taken(_BODIES, every.body)
+                yield from self._follow([(yield from self._formed(bodies))], every)
             for order in led:
                 others = yield from self._taken(_EASED - 1, order.eased)
                 best = min(self._followed, key=lambda number: self._followed[number].loss)
                 yield from self._follow([(next(self._numbers), self._begun[best]), *others], order)
-            if every.eased > every.body:
-                bodies = yield from self._taken(_BODIES, every.body)
-                yield from self._follow([(yield from self._formed(bodies))], every)
 
     def _follow(self, begun: list[Start], order: _Order) -> Search[None]:
         """Eases starts, and goes to the end with the best of them."""
