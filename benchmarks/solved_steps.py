@@ -58,7 +58,7 @@ def evaluate(problem: Problem, space: ParameterSpace, point: np.ndarray, note: M
     failed = made.divergence is not None
     return Evaluation(
         Candidate(cube_point(point), note), made.loss, failed, evidence(made), None,
-        () if failed else made.residual_stages(), made.first_beats, made.residual_parts,
+        () if failed else made.residual_stages(), made.first_beats, made.residual_parts, made.residual_widths,
     )  # fmt: skip
 
 

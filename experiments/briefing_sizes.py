@@ -58,8 +58,12 @@ def situations_of(entries, problem, space):
     for entry in entries:
         made, failed = problem.evaluate(space.to_values(np.array(entry["point"]))), entry["failed"]
         stages = () if failed else made.residual_stages()
-        more = {"stages": stages, "margins": made.first_beats, "parts": made.residual_parts}
-        search.tell(Evaluation(search.ask(), entry["loss"], failed, entry["evidence"], **more))
+        search.tell(
+            Evaluation(
+                search.ask(), entry["loss"], failed, entry["evidence"], stages=stages, margins=made.first_beats,
+                parts=made.residual_parts, widths=made.residual_widths,
+            )
+        )  # fmt: skip
     return advisor.seen
 
 

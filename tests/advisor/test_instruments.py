@@ -8,14 +8,14 @@ import pytest
 from worlds import World, hidden_point
 
 from recorded import PENDULUM
-from swim2real.advisor.vlm.advisor import VlmAdvisor
+from swim2real.advisor.vlm.advisor import ReplayAdvisor, VlmAdvisor
 from swim2real.advisor.vlm.client import ModelClient
 from swim2real.advisor.vlm.exchange import Request
 from swim2real.advisor.vlm.files import FilesClient
 from swim2real.advisor.vlm.instruments import MOST_ASKED, Instruments
 from swim2real.advisor.vlm.reply import ReplyError, parse_reply, reply_schema
 from swim2real.advisor.vlm.transcript import Transcript
-from swim2real.optimizers import Candidate, Evaluation, Measurement, Situation
+from swim2real.optimizers import Candidate, Evaluation, Measurement, Proposal, Round, Situation, Step
 from swim2real.parameters import Parameter, ParameterSpace
 from swim2real.robots.fish import FISH
 from swim2real.settings import VlmAccess
@@ -55,7 +55,7 @@ def parsed(now: Situation, **content):
 
 
 def answered(now: Situation, **content) -> str:
-    return INSTRUMENTS.answers(parsed(now, **content), now)
+    return INSTRUMENTS.answers(parsed(now, **content), now).text
 
 
 def swims(rng, count: int) -> list[Evaluation]:
@@ -158,7 +158,7 @@ def test_a_prediction_says_by_trial_what_a_swim_does():
         json.dumps({"parameters": space.to_values(hidden.candidate.point), "predict": True}),
         space, space.to_values(best.candidate.point),
     )  # fmt: skip
-    text = instruments.answers(asked, now)
+    text = instruments.answers(asked, now).text
     assert "| trial | error mm | progress mm | shape mm | speed ratio |" in text
     rows = {
         line.split(" | ")[0].lstrip("| "): line.split(" | ") for line in text.splitlines() if line.startswith("| f")
@@ -168,9 +168,21 @@ def test_a_prediction_says_by_trial_what_a_swim_does():
         assert ratio == pytest.approx(trial["velocity_simulated"] / trial["velocity_real"], abs=max(2 * std, 0.03))
     assert all(float(rows[name][4].split(" ± ")[1]) <= 0.02 for name in ("f2", "f3"))
     weighed = parse_reply(json.dumps({"solve": ["all"], "weigh": {"f0": 5.0, "shape": 2.0}}), space, {})
-    assert "Expected" in instruments.answers(weighed, now)
+    assert "Expected" in instruments.answers(weighed, now).text
     wrong = parse_reply(json.dumps({"solve": ["all"], "weigh": {"shap": 2.0}}), space, {})
-    assert "names shap, which is neither a trial nor a part: f0, f1, f2, f3" in instruments.answers(wrong, now)
+    assert "names shap, which is neither a trial nor a part: f0, f1, f2, f3" in instruments.answers(wrong, now).text
+    effects = parse_reply(json.dumps({"effects": True}), space, {})
+    text = instruments.answers(effects, now).text
+    assert "| parameter | loss mm | speed % |" in text
+    lift = next(line for line in text.splitlines() if line.startswith("| fluid_kutta_lift |"))
+    told = [float(number) for number in lift.split(" | ")[2].split()]
+    here, center = best.detail["trials"], best.candidate.point
+    raised = World().evaluate(center + 0.02 * np.eye(len(center))[space.names.index("fluid_kutta_lift")])
+    faster = [
+        250 * (one["velocity_simulated"] - here[name]["velocity_simulated"]) / one["velocity_real"]
+        for name, one in raised.detail["trials"].items()
+    ]
+    assert told == pytest.approx(faster, rel=0.1, abs=12)  # from -76 to 4
 
 
 def test_measures_say_their_way_and_size():
@@ -197,6 +209,44 @@ def test_a_reply_that_asks_for_ever_is_bounded_and_all_is_on_record(vlm, tmp_pat
     assert "instruments" in str(Transcript(tmp_path).calls[MOST_ASKED].problem)
 
 
+def test_the_solved_step_and_measurements_can_be_taken_and_are_replayed(vlm, tmp_path):
+    now = replace(situation(), measurements=())
+    made = situation().measurements
+    now = replace(now, rounds=(Round(Proposal(LOWEST), now.first, tuple(Step(1.0, one) for one in made), True),))
+    vlm.script(*(replies(text) for text in (json.dumps({"take": "solved"}), json.dumps({"solve": ["drag"]}),
+               json.dumps({"take": "solved", "parameters": {"arm": 0.05}}))))  # fmt: skip
+    access = VlmAccess(vlm.url("openai"), timeout=20.0)
+    client, transcript = ModelClient("openai:some-model", access, sleep=lambda seconds: None), Transcript(tmp_path)
+    advice = VlmAdvisor(client, question, SPACE, transcript, access, instruments=INSTRUMENTS).propose(now)
+    unusable, asked, _ = Transcript(tmp_path).calls
+    assert "no step was solved in this turn" in str(unusable.problem)
+    values = SPACE.to_values(advice.point)
+    assert values["drag"] == pytest.approx(asked.solved["drag"], rel=1e-3)
+    assert values["arm"] == pytest.approx(0.05)
+    assert advice.notes["take"] == "solved"
+    again = ReplayAdvisor(Transcript(tmp_path), SPACE).propose(now)
+    assert np.array_equal(again.point, advice.point)
+    offered = {"2": SPACE.to_values(made[1].candidate.point)}
+    taken = parse_reply(json.dumps({"take": 2}), SPACE, SPACE.to_values(now.incumbent.candidate.point), offered)
+    assert taken.point(SPACE, now.incumbent.candidate.point) == pytest.approx([0.5, 0.55, 0.5], abs=1e-6)
+    with pytest.raises(ReplyError, match=r"'take' is \"7\"; it may be '2'"):
+        parse_reply(json.dumps({"take": "7"}), SPACE, {}, offered)
+
+
+def test_a_round_measures_no_more_than_there_are_parameters(vlm, tmp_path):
+    now = situation()
+    made = tuple(
+        replace(one, candidate=Candidate(one.candidate.point, {"probe": True})) for one in now.measurements[:2]
+    )
+    vlm.script(replies(json.dumps({"measure": ["drag", "arm"]})), replies(json.dumps({"measure": ["drag"]})))
+    access = VlmAccess(vlm.url("openai"), timeout=20.0)
+    client, transcript = ModelClient("openai:some-model", access, sleep=lambda seconds: None), Transcript(tmp_path)
+    advisor = VlmAdvisor(client, question, SPACE, transcript, access, instruments=INSTRUMENTS)
+    assert isinstance(advisor.propose(replace(now, measurements=made)), Measurement)
+    problem = str(Transcript(tmp_path).calls[0].problem)
+    assert "2 points have been measured in this round and 2 more are asked for, but 1 more can be" in problem
+
+
 def test_by_files_the_answer_stands_beside_the_reply_and_the_question_stays_as_it_was(tmp_path):
     def ask():
         client = FilesClient(tmp_path, {}, once=True)
@@ -211,6 +261,9 @@ def test_by_files_the_answer_stands_beside_the_reply_and_the_question_stays_as_i
     with pytest.raises(WaitingForReply, match=r"instruments\.md"):
         ask()
     assert "**solve**" in (folder / "instruments.md").read_text()
+    with pytest.raises(WaitingForReply, match=r"instruments\.md"):
+        ask()  # resumed without a new reply: answered again, and counted once
+    assert [call.outcome for call in Transcript(tmp_path).calls] == ["asked"]
     (folder / "reply.json").write_text(good(probe=True))
     assert isinstance(ask(), Measurement)
     assert (folder / "briefing.md").stat().st_mtime_ns == briefing

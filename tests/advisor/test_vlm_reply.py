@@ -98,6 +98,7 @@ def test_the_schema_asks_for_every_parameter_in_order_and_says_bounds_only_when_
         "diagnosis",
         "reasoning",
         "parameters",
+        "take",
         "probe",
         "measure",
         "keep",

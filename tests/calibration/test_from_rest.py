@@ -57,6 +57,7 @@ def test_a_robot_known_to_swim_head_first_where_no_trial_shows_it_refuses_what_d
     assert strict.protocol.start == "speed"
     forward = strict.evaluate(FISH.space.published)
     assert forward.loss == plain.evaluate(FISH.space.published).loss
+    assert forward.residual_widths.sum() == len(forward.residual_stages()[-1][0])
     assert [len(one[0]) for one in forward.residual_stages()] == [
         len(one[0]) + 4 * (k not in (0, 4))
         for k, one in enumerate(plain.evaluate(FISH.space.published).residual_stages())

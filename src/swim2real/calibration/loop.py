@@ -13,7 +13,7 @@ import sys
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal, NoReturn
 
@@ -171,9 +171,12 @@ def minimize(
             residual = np.concatenate([residual, (scale or 0.0) * (candidate.point - prior)])
         stages = () if residual is None or comparison is None or entry.failed else comparison.residual_stages()
         figures = entry.evidence.model_dump(exclude_unset=True)
-        margins = np.zeros(0) if comparison is None or not stages else comparison.first_beats
-        parts = () if comparison is None or not stages else comparison.residual_parts
-        optimizer.tell(Evaluation(candidate, entry.loss, entry.failed, figures, residual, stages, margins, parts))
+        made = Evaluation(candidate, entry.loss, entry.failed, figures, residual, stages)
+        if comparison is not None and stages:
+            made = replace(
+                made, margins=comparison.first_beats, parts=comparison.residual_parts, widths=comparison.residual_widths
+            )
+        optimizer.tell(made)
         pace = (time.monotonic() - started) / (fresh or index + 1)
         left = [one for one in (optimizer.left or None, None if budget is None else budget - index - 1)
                 if one is not None]  # fmt: skip

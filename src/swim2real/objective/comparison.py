@@ -122,6 +122,14 @@ class Comparison:
         return (*parts, *([("", "unfilmed", 2 * len(self.unfilmed))] if self.unfilmed else []))
 
     @property
+    def residual_widths(self) -> Array:
+        """Numbers of entries of the residual vector that make a distance each: two of a marker, one of others. (G,)."""
+        counts = [(trial.weights.size, sum(len(one.times) for one in trial.sensors)) for trial in self.trials]
+        return np.concatenate(
+            [*(np.repeat([2, 1], both) for both in counts), np.ones(2 * len(self.unfilmed), dtype=int)]
+        )
+
+    @property
     def first_beats(self) -> Array:
         """Simulated speed over the first two beats from rest of each trial that has one [m/s]. Shape (F,)."""
         ways = [trial.progress.first_beats for trial in self.trials if trial.progress is not None]

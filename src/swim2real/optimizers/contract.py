@@ -75,6 +75,8 @@ class Evaluation:
             here; empty where the evaluation failed or nobody asked. Shapes (n_k,) twice.
         parts: Trial, part and number of entries of what follows one another in the stage before the last two; empty
             where nobody knows.
+        widths: Numbers of entries of the last two stages that make a distance each, of whose mean the loss is made;
+            empty where all are one. Shape (G,).
         margins: What turns a trial around where it falls below 0, such as the speed of its first beats [m/s]; empty
             where nothing is known of it. Shape (F,).
     """
@@ -87,6 +89,7 @@ class Evaluation:
     stages: tuple[tuple[Array, Array], ...] = ()
     margins: Array = field(default_factory=lambda: np.zeros(0))
     parts: tuple[tuple[str, str, int], ...] = ()
+    widths: Array = field(default_factory=lambda: np.zeros(0, dtype=int))
 
     def __post_init__(self) -> None:
         if not np.isfinite(self.loss):

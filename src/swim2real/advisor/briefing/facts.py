@@ -28,7 +28,6 @@ LEAST_SEEN = 0.3  # of the frames: a marker that is seen in fewer of them says n
 _LEAST_YAW, _LEAST_SWAY = 0.01, 1e-3  # rad and m, below which a swing of the head has no ratio
 _SLOW = 1e-3  # m/s, below which a speed has no ratio
 _LEAST_SPAN = 0.05  # of the logarithm of frequency, for an exponent
-_AT_BOUND = 0.01  # of a parameter's range
 _NEED_NO_SIMULATION = ("frequency", "left_out_share", "protocol", "horizon")
 _ERRORS = {"paper": "marker_errors", "motion": "motion_marker_errors"}  # of markers, by protocol
 
@@ -317,15 +316,6 @@ class RoundFacts:
     def before_measurements(self) -> Evaluation:
         """The best evaluation before those that were measured for this round."""
         return self.situation.rounds[-1].result if self.situation.rounds else self.situation.first
-
-    @property
-    def at_bounds(self) -> list[str]:
-        """Parameters at a bound, and which."""
-        places = zip(self.space.names, self.situation.incumbent.candidate.point, strict=True)
-        found = (
-            (name, "lower" if place < _AT_BOUND else "upper" if place > 1 - _AT_BOUND else "") for name, place in places
-        )
-        return [f"{name} ({bound})" for name, bound in found if bound]
 
 
 def mean(values: Iterable[Known]) -> Known:

@@ -37,17 +37,10 @@ def rounds_told(facts: RoundFacts, numbers: bool) -> list[str]:
     """
     best, blocks = facts.situation.first, list[str]()
     for nth, finished in enumerate(facts.situation.rounds, start=1):
-        start = f", from {mm(finished.incumbent.loss)} mm" if numbers and not finished.incumbent.failed else ""
-        result = f"rejected{start}"
-        if finished.accepted:
-            kept = finished.steps[-1]
-            result = f"accepted at step {significant(kept.step_size, _DIGITS)}"
-            if numbers:
-                before = "failed" if finished.incumbent.failed else mm(finished.incumbent.loss)
-                result += f", loss {before} → {mm(kept.evaluation.loss)} mm"
-        lines = [f"**Round {nth}: {result}**", *measured(finished.measurements, best, facts, numbers)]
-        lines += _proposed(finished, facts, numbers)
-        blocks.append("\n".join([lines[0], *(f"- {line}" for line in lines[1:])]))
+        size = f" at step {significant(finished.steps[-1].step_size, _DIGITS)}" if finished.accepted else ""
+        lines = measured(finished.measurements, best, facts, numbers) + _proposed(finished, facts, numbers)
+        title = f"**Round {nth}: {'accepted' if finished.accepted else 'rejected'}{size}**"
+        blocks.append("\n".join([title, *(f"- {line}" for line in lines)]))
         best = finished.result
     return blocks
 
@@ -57,11 +50,11 @@ def _proposed(finished: Round, facts: RoundFacts, numbers: bool) -> list[str]:
     space, proposal, before = facts.space, finished.proposal, finished.incumbent
     lines = [f"Proposed: {changes(before, proposal.point, space, _MOST_CHANGES)}"]
     for one in finished.steps:
-        kept = finished.accepted and one is finished.steps[-1]
-        told = f"{mm(one.evaluation.loss)} mm" if numbers else "not kept"
+        kept, size = finished.accepted and one is finished.steps[-1], significant(one.step_size, _DIGITS)
         if one is finished.steps[0] or kept or one.evaluation.failed:  # of the shorter ones the loss says enough
-            told = _result(one.evaluation, kept, facts, numbers)
-        lines.append(f"Step {significant(one.step_size, _DIGITS)}: {told}")
+            lines.append(f"Step {size}: {_result(one.evaluation, kept, facts, numbers)}")
+        else:
+            lines[-1] += f"; step {size}: {f'{mm(one.evaluation.loss)} mm' if numbers else 'not kept'}"
     return [*lines, *corrections(proposal)]
 
 
@@ -74,6 +67,19 @@ def measured(measurements: Sequence[Evaluation], best: Evaluation, facts: RoundF
         lines.append(f"Measured {what.rstrip('.')}: {_result(one, kept, facts, numbers)}")
         best = one if kept else best
     return lines
+
+
+def better_measured(facts: RoundFacts) -> str:
+    """What to reply where the best measurement of this round is better than the current point; else empty."""
+    here, made = facts.situation.incumbent, facts.situation.measurements
+    lower = [(one.loss, nth) for nth, one in enumerate(made, start=1) if not one.failed and one.loss < here.loss]
+    if not lower or here.failed:
+        return ""
+    loss, nth = min(lower)
+    return (
+        f"Measurement {nth} is better than the current point by {mm(here.loss - loss)} mm and wasn't kept: to propose "
+        f'it reply "take": "{nth}", with more changes if you like.'
+    )
 
 
 def _result(evaluation: Evaluation, kept: bool, facts: RoundFacts, numbers: bool) -> str:
@@ -130,20 +136,20 @@ def _percent(ratio: float | None) -> str:
 
 def told_of_steps(facts: RoundFacts) -> str:
     """Describes an evaluation."""
-    parts = ["its loss"]
-    if facts.here.sensors:
-        parts.append(f"{'what the markers have of it, ' if facts.here.markers else ''}the mean error of each sensor")
-    order = "by rising frequency" if facts.beats else "in the order of their table"
+    parts, here = ["loss"], facts.here
+    if here.sensors:
+        parts.append(f"{'what the markers have of it, ' if here.markers else ''}mean error of each sensor")
     if facts.robot.trials.score_progress:
-        parts.append(f"the speed of each trial in % of the real one, {order}, negative where it goes the other way")
-    if len(facts.here.trials) > 1:
-        parts.append(f"the error of each trial in mm, {order}")
-    known = facts.here.figures.model_fields_set
-    parts += [f"the error in {part} in mm" for part in _PARTS if f"{part}_error" in known]
+        parts.append("speed by trial in % of the real one, negative the other way")
+    if len(here.trials) > 1:
+        parts.append("error by trial")
+    known = here.figures.model_fields_set
+    parts += [", ".join(part for part in _PARTS if f"{part}_error" in known)]
     last = f" of {facts.robot.marker_names[-1]}" if facts.beats else ""
-    head = ", of the head's yaw and sway, with phases in deg" if facts.here.has_head else ""
-    ratios = f", and in % of the real ones the amplitudes{last}{head}" if facts.here.markers else ""
-    return f"{', '.join(parts)}{ratios}"
+    head = ", head's yaw and sway (phases in deg)" if here.has_head else ""
+    parts += [f"in % of the real ones amplitude{last}{head}"] if here.markers else []
+    order = " Trials are by rising frequency" if facts.beats else " Trials are in the order of their table"
+    return f"{', '.join(filter(None, parts))}; errors in mm.{order if len(here.trials) > 1 else ''}"
 
 
 def changes(before: Evaluation, point: NDArray[np.float64], space: ParameterSpace, most: int) -> str:

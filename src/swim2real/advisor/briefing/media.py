@@ -36,8 +36,7 @@ class Detail:
         fps: Frame rate of films [Hz], raised where the fastest motion would have fewer than five frames per cycle.
         width: Width of films [px]; pictures of a sheet have a part of it.
         moments: Moments on a sheet.
-        trials: Number of trials that are shown of the first point, those that fit worst first; None for all.
-        again: The same of a later point.
+        trials: Number of trials that are shown, those that fit worst first; None for all.
         tokens: Most tokens that the media may take, by estimate.
     """
 
@@ -46,15 +45,14 @@ class Detail:
     width: int
     moments: int
     trials: int | None
-    again: int | None
     tokens: int
 
 
-_LEAST = Detail("least", 10.0, 320, 4, 1, 1, 8_000)
+_LEAST = Detail("least", 10.0, 320, 4, 1, 8_000)
 DETAILS: dict[DetailName, Detail] = {
-    "low": Detail("low", 10.0, 480, 4, 1, 1, 40_000),
-    "medium": Detail("medium", 12.0, 640, 8, 1, 1, 120_000),
-    "high": Detail("high", 24.0, 960, 12, None, None, 300_000),
+    "low": Detail("low", 10.0, 480, 4, 1, 40_000),
+    "medium": Detail("medium", 12.0, 640, 8, 1, 120_000),
+    "high": Detail("high", 24.0, 960, 12, None, 300_000),
 }
 
 
@@ -78,7 +76,7 @@ class _Shown:
 
 
 def gather_media(
-    scenes: Sequence[TrialPictures], detail: Detail, takes_video: bool, videos: Films, most: int | None
+    scenes: Sequence[TrialPictures], detail: Detail, takes_video: bool, videos: Films
 ) -> tuple[tuple[Media, ...], tuple[str, ...]]:
     """Pictures or films of a point's trials, within the budget of a detail, and remarks on what is missing.
 
@@ -89,7 +87,6 @@ def gather_media(
         detail: How much is shown.
         takes_video: Whether films are shown, or sheets of pictures.
         videos: Real films by the names of their trials, where there are any, with the rates that were given.
-        most: Trials that are shown; None for all.
     """
     worst_first = sorted(range(len(scenes)), key=lambda i: -scenes[i].loss)
     remarks: list[str] = []
@@ -101,8 +98,8 @@ def gather_media(
     if film is not None:
         bytes_left, tokens_left = bytes_left - len(film.media.data), tokens_left - film.tokens
     chosen: dict[int, Media] = {}
-    for i in worst_first[:most]:
-        shown = overlay(scenes[i], detail, takes_video, fps=_rate(scenes, detail))
+    for i in worst_first[: detail.trials]:
+        shown = _overlay(scenes[i], detail, takes_video, fps=_rate(scenes, detail))
         bytes_left, tokens_left = bytes_left - len(shown.media.data), tokens_left - shown.tokens
         if chosen and min(bytes_left, tokens_left) < 0:
             break
@@ -119,12 +116,9 @@ def _rate(scenes: Sequence[TrialPictures], detail: Detail) -> float:
     return min(MOST_FPS, max(detail.fps, FRAMES_A_CYCLE * max(scene.pace for scene in scenes)))
 
 
-def overlay(
-    scene: TrialPictures, detail: Detail, takes_video: bool, what: str = "Trial", fps: float | None = None
-) -> _Shown:
+def _overlay(scene: TrialPictures, detail: Detail, takes_video: bool, fps: float) -> _Shown:
     """A trial's picture or film, simulated over real."""
-    fps = fps or _rate([scene], detail)
-    about = f"{what} {scene.title}: simulated (blue) over real (red)"
+    about = f"Trial {scene.title}: simulated (blue) over real (red)"
     if not takes_video:
         each = round(_TILE * detail.width)
         sheet = scene.sheet(detail.moments, min(_COLUMNS, detail.moments), each - each % 2)

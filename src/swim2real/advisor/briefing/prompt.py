@@ -14,20 +14,18 @@ from jinja2 import Environment, FunctionLoader, StrictUndefined
 from swim2real.advisor.briefing import history, tables, texts
 from swim2real.advisor.briefing.facts import RoundFacts
 from swim2real.advisor.briefing.history import loss, rounds_told
-from swim2real.advisor.briefing.media import DETAILS, Detail, Films, gather_media, overlay, shorter
-from swim2real.advisor.physics.model import expected_slopes
+from swim2real.advisor.briefing.media import DETAILS, Detail, Films, gather_media, shorter
 from swim2real.advisor.vlm.exchange import Media, Request
-from swim2real.advisor.vlm.instruments import MOST_ASKED, effects_table
+from swim2real.advisor.vlm.instruments import MOST_ASKED
 from swim2real.advisor.vlm.reply import reply_schema
 from swim2real.objective import TAIL_FIRST_LOSS, Comparison
 from swim2real.optimizers import Evaluation, Situation
 from swim2real.optimizers.advisor import STAYS
-from swim2real.optimizers.local_model import LocalModel
 from swim2real.parameters import ParameterSpace, Values
-from swim2real.rendering.album import Album, TrialPictures
+from swim2real.rendering.album import Album
 from swim2real.robots.robot import Robot
 from swim2real.settings import BriefingSettings, Show
-from swimbase.errors import ArgumentError, OptimizerError
+from swimbase.errors import ArgumentError
 from swimbase.escaping import plain_markdown
 
 FromRest: TypeAlias = Mapping[str, tuple[float | None, float | None]]
@@ -66,7 +64,7 @@ class TrialPromptBuilder:
         self._robot, self._space, self._simulate, self._videos = robot, space, simulate, dict(videos)
         self._settings, self._takes_video, self._reply_tokens = settings, takes_video, reply_tokens
         self._from_rest, self._schema, self._budget = from_rest, reply_schema(space, several=several), budget
-        self._several, self._slopes = several, expected_slopes(robot, space)
+        self._several = several
 
     def question(self, situation: Situation, level: int = 0) -> Request:
         """Request for a proposal in a situation.
@@ -79,46 +77,22 @@ class TrialPromptBuilder:
         detail = shorter(detail) if level else detail
         values = self._space.to_values(situation.incumbent.candidate.point)
         known = RoundFacts(situation, self._robot, self._space, self._from_rest(values), self._budget)
-        instructions, told, current = describe(known, self._show, self._several, self._effects(situation, known))
+        instructions, told, current = describe(known, self._show, self._several)
         if self._show == "numbers":
             return Request(instructions, (*told, current), self._schema, self._reply_tokens, len(told))
         media, remarks = self._media(situation, detail)
-        intro = " ".join(
-            (f"## The {'films' if self._takes_video else 'pictures'}\n\nSimulated is blue, real is red.", *remarks)
-        )
+        intro = "\n\n".join((f"## The {'films' if self._takes_video else 'pictures'}", *remarks))
         parts = (*told, current, intro, *media)
         return Request(instructions, parts, self._schema, self._reply_tokens, len(told))
 
-    def _effects(self, situation: Situation, known: RoundFacts) -> str:
-        """What parameters do: at the current point, as far as the run has shown it, or else in the middle."""
-        try:
-            model = LocalModel(situation.evaluations, self._slopes, base=situation.incumbent)
-        except OptimizerError:
-            model = None
-        if model is not None and model.forward:
-            return f"Of a tenth of the range more, by what this run has shown:\n\n{effects_table(model, self._space)}"
-        middle = tables.effects_in_the_middle(known)
-        intro = "Of a tenth of the range more, in the middle of the bounds; near a good fit they may be ten times off:"
-        return middle and f"{intro}\n\n{middle}"
-
     def _media(self, situation: Situation, detail: Detail) -> tuple[Sequence[Media], Sequence[str]]:
-        """Media of a request: the worst trials of a new point, or of a rejected full step what it changed most."""
+        """Media of a request: of a point that is new, its worst trials."""
         before = None if self._show == "pictures" else shown_before(situation)  # pictures alone: there is nothing else
-        if before is not situation.incumbent:
-            most, films = (detail.trials, self._videos) if before is None else (detail.again, {})
-            return gather_media(self._scenes(situation.incumbent), detail, self._takes_video, films, most)
-        remark = "The current point was shown in an earlier round, and isn't shown again."
-        step = rejected_step(situation)
-        if step is None:
-            return (), (remark,)
-        here, there = (self._scenes(one) for one in (situation.incumbent, step))
-        changed = max(range(len(there)), key=lambda i: abs(there[i].loss - here[i].loss))
-        what = "Not the current point but the rejected full step of the last round, where it changed most:"
-        return (overlay(there[changed], detail, self._takes_video, what).media,), (remark,)
-
-    def _scenes(self, evaluation: Evaluation) -> list[TrialPictures]:
-        """The trials of an evaluation, simulated once more."""
-        return Album(self._simulate(self._space.to_values(evaluation.candidate.point)), self._robot).trials
+        here = situation.incumbent
+        if before is here:
+            return (), ("The current point was shown in an earlier round.",)
+        scenes = Album(self._simulate(self._space.to_values(here.candidate.point)), self._robot).trials
+        return gather_media(scenes, detail, self._takes_video, self._videos if before is None else {})
 
 
 def shown_before(situation: Situation) -> Evaluation | None:
@@ -134,18 +108,7 @@ def shown_before(situation: Situation) -> Evaluation | None:
     return min((start, *moved), key=lambda one: (one.failed, one.loss))
 
 
-def rejected_step(situation: Situation) -> Evaluation | None:
-    """The full step of the last round where it was rejected, nothing has been measured since, and it didn't diverge."""
-    last = situation.rounds[-1] if situation.rounds else None
-    if last is None or last.accepted or situation.measurements:
-        return None
-    step = last.steps[0].evaluation
-    return None if step.failed else step
-
-
-def describe(
-    facts: RoundFacts, show: Show = "both", several: bool = False, effects: str = ""
-) -> tuple[str, list[str], str]:  # fmt: skip
+def describe(facts: RoundFacts, show: Show = "both", several: bool = False) -> tuple[str, list[str], str]:
     """All facts of a round as Markdown in plain English, for a VLM or a person.
 
     Args:
@@ -153,7 +116,6 @@ def describe(
         show: What it comes with. With pictures alone, nothing measured or compared is reported; what stays: the robot,
             its parameters, and which proposals were accepted.
         several: Whether step sizes and alternatives are asked for.
-        effects: What parameters do, as far as that is known.
 
     Returns:
         What stays the same in a run; a block per finished round, to which later rounds only add; the current point.
@@ -163,7 +125,7 @@ def describe(
     first = facts.situation.first
     begun = f"\n\nThe first point of the run: {loss(first, facts)}{history.effects(first, facts)}." if numbers else ""
     told = [f"## What was tried{begun}", *rounds_told(facts, numbers)] if facts.situation.rounds else []
-    current = _written("briefing.md.j2", facts=facts, numbers=numbers, effects=effects)
+    current = _written("briefing.md.j2", facts=facts, numbers=numbers)
     return plain_markdown(instructions), [plain_markdown(block) for block in told], plain_markdown(current)
 
 

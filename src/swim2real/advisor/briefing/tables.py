@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 from swim2real.advisor.briefing.facts import MarkerFacts, RoundFacts, TrialFacts, highest
 from swim2real.advisor.briefing.texts import NOTHING, degrees, mm, number, pair, reading, significant, span, table
 from swim2real.objective.figures import FIGURES
+from swim2real.parameters import ParameterSpace
 
 _LARGE = 20e-3  # m: from here on differences are reported in whole millimeters
 _GRID = 8  # trials that tables by marker and trial have
@@ -44,22 +45,24 @@ def columns_table(columns: Sequence[Column], things: Sequence[TrialFacts | Marke
 
 
 def meaning_table(facts: RoundFacts) -> str:
-    """The parameters with their bounds, the model's own values and meanings, each said once."""
-    rows, said = list[list[str]](), dict[str, str]()
+    """The parameters with bounds, the model's own values and meanings; a row for those that differ in place alone."""
+    rows: dict[tuple[str, ...], list[tuple[str, str]]] = {}
     for one in facts.space:
         meaning = one.meaning.partition(_EVERYWHERE)[0].strip()
-        alike = _WHICH.sub("", meaning)
-        if alike in said:
-            which = _WHICH.search(meaning)
-            meaning = f"As {said[alike]}{f', of {which[0]}' if which else ''}."
-        said.setdefault(alike, one.name)
-        rows.append([one.name, one.unit, *map(significant, (one.lower, one.upper, one.published)), meaning])
-    return table(("parameter", "unit", "lower", "upper", "own", "meaning"), rows)
+        limits = map(significant, (one.lower, one.upper, one.published))
+        rows.setdefault((one.unit, *limits, _WHICH.sub("", meaning)), []).append((one.name, meaning))
+    return table(
+        ("parameter", "unit", "lower", "upper", "own", "meaning"),
+        [
+            [", ".join(name for name, _ in alike), *key[:4], alike[0][1] + (" The others alike." if alike[1:] else "")]
+            for key, alike in rows.items()
+        ],
+    )
 
 
-def effects_in_the_middle(facts: RoundFacts) -> str:
+def effects_in_the_middle(space: ParameterSpace) -> str:
     """Effects that parameters have in the middle of their bounds, where somebody has measured them: a line for each."""
-    found = ((one.name, one.meaning.partition(_EVERYWHERE)[2]) for one in facts.space)
+    found = ((one.name, one.meaning.partition(_EVERYWHERE)[2]) for one in space)
     return "\n".join(f"- {name}:{text}" for name, text in found if text and _LITTLE not in text)
 
 
@@ -72,8 +75,7 @@ def values_told(facts: RoundFacts) -> str:
 
 def meanings(facts: RoundFacts) -> str:
     """Meanings of the tables' columns, those that need saying."""
-    columns = [*trial_columns(facts), *(head_columns() if facts.here.has_head else ())]
-    columns += marker_columns(facts) if facts.here.markers else []
+    columns = [*trial_columns(facts), *(marker_columns(facts) if facts.here.markers else ())]
     return "\n".join(f"- {one.meaning}" for one in columns if one.meaning)
 
 
@@ -124,6 +126,7 @@ def trial_columns(facts: RoundFacts) -> list[Column]:
     if windows and here.markers:
         said = "`most off at`: when the markers' mean places are farthest off."
         columns.append(Column("most off at s", lambda t: span(t.worst_window), said))
+    columns += _head_columns() if here.has_head else []
     return [*columns, *([of_figure("left_out_share", 0)] if has("left_out_share") else [])]
 
 
@@ -132,24 +135,22 @@ def _worst_marker(trial: TrialFacts) -> str:
     return NOTHING if worst is None else worst.name
 
 
-def head_columns() -> list[Column]:
-    """Columns of the table of the head's motion, with a row per trial."""
-    yaw = "`yaw`, `sway`: how far the head turns and goes to the side about its path."
+def _head_columns() -> list[Column]:
+    """Columns of the head's motion in the table with a row per trial."""
+    said = "`yaw`, `sway`: how far the head turns and goes to the side about its path, real, simulated, and the phase."
     return [
-        Column("trial", lambda t: t.name),
-        Column("yaw real deg", lambda t: degrees(t.figures.yaw_real), yaw),
-        Column("sim deg", lambda t: degrees(t.figures.yaw_simulated)),
+        Column("yaw real deg", lambda t: degrees(t.figures.yaw_real), said),
+        Column("sim", lambda t: degrees(t.figures.yaw_simulated)),
         Column("phase deg", lambda t: degrees(t.figures.yaw_lag, 0, signed=True)),
         Column("sway real mm", lambda t: mm(t.figures.sway_real)),
-        Column("sim mm", lambda t: mm(t.figures.sway_simulated)),
+        Column("sim", lambda t: mm(t.figures.sway_simulated)),
         Column("phase deg", lambda t: degrees(t.figures.sway_lag, 0, signed=True)),
     ]
 
 
 _AMPLITUDES = {
-    "beats": "`real`, `sim` of a marker: median amplitudes of the sideways beat in the frame of the head.",
-    "moves": "`real`, `sim` of a marker: medians of the standard deviation of its place along the line that it moves "
-    "along most.",
+    "beats": "`real` of a marker: median amplitude of its sideways beat in the frame of the head.",
+    "moves": "`real` of a marker: median standard deviation of its place along the line that it moves along most.",
 }
 
 
@@ -159,7 +160,6 @@ def marker_columns(facts: RoundFacts) -> list[Column]:
         Column("marker", lambda m: m.name),
         Column("error mm", lambda m: mm(m.error), "`error` of a marker: its mean part of the loss, over all trials."),
         Column("real mm", lambda m: mm(m.real), _AMPLITUDES["beats" if facts.beats else "moves"]),
-        Column("sim mm", lambda m: mm(m.simulated)),
         Column("ratio", _ratio),
     ]
     if any(marker.ahead is not None for marker in facts.here.markers):

@@ -36,6 +36,7 @@ from swim2real.robots.robot import Robot
 from swimbase.arrays import Array
 from swimbase.errors import ArgumentError
 
+TRIED = "tried"  # note of a step of the local model: the parameter that is changed since little is known of it
 _CLOSE = 0.05  # relative difference that isn't worth a word
 _CAUTION, _BOLDER = 0.3, 0.3  # weight of the variance, and what a round without real progress makes of it
 _PROGRESS = 0.02  # by how much a round must lower the loss to count as progress
@@ -43,9 +44,7 @@ _TRUST_START, _TRUST_LEAST, _TRUST_MOST = 0.5, 0.08, 0.7  # half width of the tr
 _GROW, _SHRINK = 1.3, 0.7
 _SAMPLES, _STARTS = 3000, 4
 _ENOUGH, _VAIN = 7, 3  # evaluations that go forward, after which the local model proposes; rounds in which it failed
-_RADIUS, _LEAST_RADIUS, _MOST_RADIUS, _WIDER, _NARROWER = 0.15, 0.03, 0.4, 1.5, 0.7  # of the local model's steps
-_CAME_TRUE, _MISSED = 0.75, 0.25  # of the gain that was expected of a step
-_HOPE = 1.0  # standard deviations by which a change may turn out better than expected
+_RADIUS = 0.15  # of the local model's steps: what it doesn't know keeps them shorter
 _DIFFERENCE = 1e-4
 _GRAIN = 9  # decimals of an expected loss [m], for the same reason as those of a proposal
 
@@ -78,7 +77,7 @@ class PhysicsAdvisor:
         """The point within its trust that it expects to be best."""
         usable = [e for e in situation.evaluations if not e.failed]
         rng = np.random.default_rng([self._seed, len(situation.rounds)])
-        trust = trust_radius([one for one in situation.rounds if "radius" not in one.proposal.notes])
+        trust = trust_radius([one for one in situation.rounds if TRIED not in one.proposal.notes])
         here = self._point(situation.incumbent)
         if situation.incumbent.failed or not usable:
             point = 0.5 + 0.5 * trust * rng.uniform(-1, 1, len(here))
@@ -89,10 +88,10 @@ class PhysicsAdvisor:
             return solved
         expectation = self._expectation(usable, situation.incumbent, situation.rounds)
         point = self._best_point(expectation, here, trust, rng)
-        if self._slopes is not None:  # what the response knows nothing of: as in the model until the robot goes forward
-            backward = situation.incumbent.loss >= TAIL_FIRST_LOSS
+        if self._slopes is not None:  # the response holds where what it knows nothing of is as in the model
+            stepped = any(TRIED in one.proposal.notes for one in situation.rounds)
             known = self._slopes(situation.incumbent).any(axis=1)
-            point = np.where(known, point, self._own.to_cube(self._own.published) if backward else here)
+            point = np.where(known, point, here if stepped else self._own.to_cube(self._own.published))
         before, after = expectation.losses(np.array([here, point]))
         notes = {"trust": round(trust, 4), "expected_loss": float(after), "expected_loss_here": float(before)}
         reasoning = reason(self._own, here, point, self._gains(expectation, here, point))
@@ -101,26 +100,24 @@ class PhysicsAdvisor:
     def _solved(self, usable: Sequence[Evaluation], situation: Situation) -> Proposal | None:
         """The step that the local model proposes, once the run has shown enough; None before, and after vain ones.
 
-        Where that promises little, it also changes the parameter that may matter most for all that is known.
+        Where that promises no progress, the parameter of which least is known changes, too.
         """
         if not self.needs_residual or sum(bool(one.stages) and one.loss < TAIL_FIRST_LOSS for one in usable) < _ENOUGH:
             return None
         lately = situation.rounds[-_VAIN:]
-        if len(lately) == _VAIN and all("radius" in one.proposal.notes and not one.accepted for one in lately):
+        vain = len(lately) == _VAIN and all(one.proposal.notes.get(TRIED) == "" and not one.accepted for one in lately)
+        if vain:
             return None
-        model, radius = LocalModel(usable, self._slopes), solved_radius(situation.rounds)
+        model = LocalModel(usable, self._slopes)
         here, names = model.base.candidate.point, self._space.names
-        point = model.solve(radius)
-        notes: dict[str, object] = {"radius": round(radius, 4)}
-        if model.predict(point).loss > (1 - _PROGRESS / 2) * model.base.loss:
+        point = model.solve(_RADIUS)
+        notes: dict[str, object] = {TRIED: ""}
+        if model.predict(point).loss > (1 - _PROGRESS) * model.base.loss:
             tried, least = _with_unknown(model, point)
             if least is not None:
-                point, notes["tried"] = tried, names[least]
-        point = point.round(DECIMALS)
-        alone = np.where(np.eye(len(point), dtype=bool), here, point)
-        expected = model.predict(point)
-        gains = np.array([model.predict(one).loss for one in alone]) - expected.loss
-        notes |= {"expected_loss": expected.loss, "expected_std": expected.std, "known": float(expected.known)}
+                point, notes[TRIED] = tried, names[least]
+        expected, gains = model.predict(point), -model.loss_slopes[0] * (point - here)
+        notes |= {"expected_loss": expected.loss, "known": float(expected.known)}
         diagnosis = _diagnosis(_figures(situation.incumbent))
         # of a step that failed the model learns more than half of it would show
         return Proposal(point, diagnosis, reason(self._space, here, point, gains), notes, step_sizes=(1.0,))
@@ -204,34 +201,23 @@ def trust_radius(rounds: Sequence[Round]) -> float:
 
 
 def _with_unknown(model: LocalModel, point: Array) -> tuple[Array, int | None]:
-    """The point with a change of the parameter whose effect is least sure, where that may help and turns nothing."""
+    """The point with a change of the parameter of which least is known, where that may help, for all that is known.
+
+    The change is one that may double the loss at most, so that it tells of slopes.
+    """
     here = model.base.candidate.point
-    for i in np.argsort(-model.unsure):
-        if model.unsure[i] < _PROGRESS * model.base.loss:
+    for i in np.argsort(-model.unknown, kind="stable"):
+        if MEASURED * model.unknown[i] < _PROGRESS * model.base.loss:
             break
         ahead = np.sign(point[i] - here[i]) or np.sign(0.5 - here[i]) or 1.0
+        size = min(MEASURED, model.base.loss / model.unknown[i])
         for side in (ahead, -ahead):
             tried = point.copy()
-            tried[i] = np.clip(here[i] + side * MEASURED, 0.0, 1.0)
-            expected = model.predict(tried)
-            helps = expected.loss - _HOPE * expected.std < model.base.loss
-            if helps and abs(tried[i] - here[i]) > MEASURED / 2 and model.safe(tried):
+            tried[i] = np.clip(np.round(here[i] + side * size, DECIMALS), 0.0, 1.0)
+            helps = model.predict(tried).loss - model.unknown_at(tried) < model.base.loss
+            if helps and abs(tried[i] - here[i]) > size / 2 and model.safe(tried):
                 return tried, int(i)
     return point, None
-
-
-def solved_radius(rounds: Sequence[Round]) -> float:
-    """Radius of the local model's steps: it grows where what was expected of the full step came true, or shrinks."""
-    radius = _RADIUS
-    for finished in rounds:
-        if "radius" not in finished.proposal.notes or "tried" in finished.proposal.notes:
-            continue
-        before, made = finished.incumbent.loss, finished.steps[0].evaluation.loss
-        promised = max(before - finished.proposal.notes["expected_loss"], _PROGRESS * before)
-        kept = (before - made) / promised
-        radius *= _WIDER if kept > _CAME_TRUE else _NARROWER if kept < _MISSED else 1.0
-        radius = min(max(radius, _LEAST_RADIUS), _MOST_RADIUS)
-    return radius
 
 
 def caution(rounds: Sequence[Round]) -> float:

@@ -6,7 +6,7 @@ asked anew, and given up in good order after three times.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -15,11 +15,11 @@ import numpy as np
 from swim2real.advisor.vlm.exchange import Attempt, CallError, Client, Reply, Request
 from swim2real.advisor.vlm.instruments import MOST_ASKED, Instruments
 from swim2real.advisor.vlm.providers import same_model
-from swim2real.advisor.vlm.reply import ReplyError, parse_reply
+from swim2real.advisor.vlm.reply import SOLVED, ReplyError, parse_reply
 from swim2real.advisor.vlm.transcript import Call, Incumbent, Outcome, Totals, Transcript, totals
 from swim2real.optimizers import Advice, Advisor, Evaluation, Measurement, Situation
 from swim2real.optimizers.advisor import STAYS, reads_residuals
-from swim2real.parameters import ParameterSpace
+from swim2real.parameters import ParameterSpace, Values
 from swim2real.settings import VlmAccess
 from swimbase.errors import AdvisorError, ArgumentError
 
@@ -111,7 +111,7 @@ class VlmAdvisor:
     def _ask(self, situation: Situation, earlier: str) -> Call | str:
         """One try of a round: the call whose reply can be used, or why there is none."""
         question = self._question(situation, earlier)
-        request, repairs, level, asked = question, 0, 0, 0
+        request, repairs, level = question, 0, 0
         while True:
             try:
                 reply = self._call(request, situation)
@@ -125,20 +125,25 @@ class VlmAdvisor:
                 return str(error)
             try:
                 here = self._space.to_values(situation.incumbent.candidate.point)
-                parsed = parse_reply(reply.text, self._space, here)
+                calls = self._transcript.of_turn(question.round, question.turn, situation.incumbent)
+                parsed = parse_reply(reply.text, self._space, here, _offered(calls, situation, self._space))
                 if parsed.asks_instruments:
                     if self._instruments is None:
                         raise ReplyError("there are no instruments in this run; propose or measure")
-                    if asked == MOST_ASKED:
+                    asked = [call.reply.text for call in calls if call.outcome == "asked" and call.reply]
+                    again = request is question and asked[-1:] == [reply.text]  # a run was resumed, not answered
+                    if len(asked) == MOST_ASKED and not again:
                         raise ReplyError(
                             f"instruments were asked {MOST_ASKED} times in this turn, which is the most; propose or "
                             f"measure"
                         )
-                    asked += 1
                     said = self._instruments.answers(parsed, situation)
-                    self._record(request, situation, "asked", None, reply)
-                    request = _follow_up(question, reply.text, said, MOST_ASKED - asked)
+                    if not again:
+                        self._record(request, situation, "asked", None, reply, solved=said.solved)
+                    left = MOST_ASKED - len(asked) - (not again)
+                    request = _follow_up(question, reply.text, said.text, left)
                     continue
+                _check_measurements(len(parsed.measure) or parsed.probe, situation, len(self._space))
             except ReplyError as error:
                 problem = _why_unusable(reply, request, error)
             else:
@@ -201,11 +206,12 @@ class VlmAdvisor:
 
     def _record(
         self, request: Request, situation: Situation, outcome: Outcome, problem: str | None, reply: Reply | None,
-        attempts: tuple[Attempt, ...] = (),
+        attempts: tuple[Attempt, ...] = (), solved: Values | None = None,
     ) -> Call:  # fmt: skip
         call = Call(
             0, request.round, request.is_repair, self._client.name, outcome, problem,
             Incumbent.of(situation.incumbent), reply, attempts if reply is None else reply.attempts, turn=request.turn,
+            solved=solved,
         )  # fmt: skip
         return self._transcript.write(call, request)
 
@@ -291,6 +297,25 @@ def _follow_up(question: Request, reply: str, said: str, left: int) -> Request:
     return replace(question, parts=(*texts, answer), answers=f"{said}\n\n{more}")
 
 
+def _offered(calls: Sequence[Call], situation: Situation, space: ParameterSpace) -> dict[str, Values]:
+    """Values that a turn's reply may take: of the last step that was solved in it, and of the round's measurements."""
+    solved = [call.solved for call in calls if call.solved is not None]
+    offered: dict[str, Values] = {SOLVED: solved[-1]} if solved else {}
+    made = ((str(i), one) for i, one in enumerate(situation.measurements, start=1) if not one.failed)
+    return offered | {number: space.to_values(one.candidate.point) for number, one in made}
+
+
+def _check_measurements(asked: int, situation: Situation, most: int) -> None:
+    """Refuses more measurements in a round than there are parameters, which tell all that a step needs."""
+    made = sum(bool({_PROBE, _LIST} & one.candidate.note.keys()) for one in situation.measurements)
+    if asked and made + asked > most:
+        left = f"{most - made} more can be" if made < most else "no more can be"
+        raise ReplyError(
+            f"{made} points have been measured in this round and {asked} more are asked for, but {left}, as there are "
+            f"{most} parameters; propose, such as a solved step or a measurement with 'take'"
+        )
+
+
 def _turn_of(situation: Situation) -> int:
     """Which turn of its round an advisor has: 1, and one more after each of its probes and lists of measurements."""
     return 1 + sum(bool(measured.candidate.note.get(_PROBE)) for measured in situation.measurements)
@@ -316,8 +341,9 @@ def _advice_of(call: Call, transcript: Transcript, situation: Situation, space: 
     if call.reply is None:
         raise AdvisorError(f"call {call.number} has no reply")
     here = situation.incumbent.candidate.point
-    parsed = parse_reply(call.reply.text, space, space.to_values(here))
     calls = [made for made in transcript.of_round(call.round) if made.turn == call.turn]
+    alike = [made for made in calls if made.incumbent.matches(call.incumbent)]
+    parsed = parse_reply(call.reply.text, space, space.to_values(here), _offered(alike, situation, space))
     sums = totals(calls)
     notes = {
         "advisor": call.advisor, "model": call.reply.model, "calls": [made.number for made in calls],

@@ -6,19 +6,22 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from types import MappingProxyType
 from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, Strict, TypeAdapter, ValidationError
 
+from swim2real.formatting import listed
 from swim2real.optimizers import Proposal
-from swim2real.parameters import ParameterSpace
+from swim2real.parameters import ParameterSpace, Values
 from swim2real.parameters.space import unknown_name
 from swimbase.checking import explained, shown
 from swimbase.errors import AdvisorError
 from swimbase.store import named_once
 
+SOLVED = "solved"  # what a reply may take: the last step that was solved in its turn
 SAME = 1e-3  # relative: a value that is repeated as it was shown, rounded, is no change
 _LONGEST_TEXT = 20_000  # characters that are kept of a diagnosis
 _LONGEST_NAME = 80  # characters that are kept of an unknown name
@@ -42,6 +45,7 @@ class _ParsedReply:
         ignored: Names that aren't parameters.
         missing: Parameters without a value, which keep theirs.
         clipped: Values out of bounds, as they were given.
+        take: What its values begin with, in place of the current ones: `SOLVED`, or the number of a measurement.
         probe: Whether these values are only to be measured, without a line search.
         measure: Parameters that are to be measured, each alone, and the share of its range by which it is changed; None
             for a tenth toward the middle.
@@ -61,6 +65,7 @@ class _ParsedReply:
     ignored: tuple[str, ...] = ()
     missing: tuple[str, ...] = ()
     clipped: Mapping[str, float] = field(default_factory=dict[str, float])
+    take: str = ""
     probe: bool = False
     measure: Mapping[str, float | None] = field(default_factory=dict[str, "float | None"])
     keep: bool = False
@@ -79,7 +84,8 @@ class _ParsedReply:
 
     def notes(self) -> dict[str, object]:
         """Corrections made without asking again, ready for JSON."""
-        notes = {"ignored": list(self.ignored), "missing": list(self.missing), "clipped": dict(self.clipped)}
+        notes: dict[str, object] = {"ignored": list(self.ignored), "missing": list(self.missing)}
+        notes |= {"clipped": dict(self.clipped), "take": self.take}
         return {name: content for name, content in notes.items() if content}
 
     def proposal(self, space: ParameterSpace, incumbent: NDArray[np.float64], notes: Mapping[str, Any]) -> Proposal:
@@ -125,6 +131,7 @@ class _Try(BaseModel):
 
 class _Answer(_Try):
     diagnosis: Text = ""
+    take: str | int | None = None
     probe: bool | None = False
     measure: list[str] | None = None
     keep: bool | None = False
@@ -153,6 +160,11 @@ def reply_schema(space: ParameterSpace, bounds: bool = False, several: bool = Fa
     properties: dict[str, object] = {name: {"type": "string", "description": text} for name, text in texts.items()}
     properties |= {
         "parameters": _object(numbers),
+        "take": {
+            "type": "string",
+            "description": f"'{SOLVED}': the last solved step, or the number of a measurement of this round, is what "
+            "parameters change; mostly empty",
+        },
         "probe": {
             "type": "boolean",
             "description": "true: only measure these values, then be asked again; better ones become the current point",
@@ -194,7 +206,9 @@ def _is_same(value: float, current: float) -> bool:
     return abs(value - current) <= SAME * abs(current)
 
 
-def parse_reply(text: str, space: ParameterSpace, current: Mapping[str, float]) -> _ParsedReply:
+def parse_reply(
+    text: str, space: ParameterSpace, current: Mapping[str, float], offered: Mapping[str, Values] = MappingProxyType({})
+) -> _ParsedReply:  # fmt: skip
     """Makes parameter values of a reply.
 
     JSON may stand in a fence or among prose. Unknown names are ignored, missing ones (or null) keep their value, values
@@ -204,6 +218,7 @@ def parse_reply(text: str, space: ParameterSpace, current: Mapping[str, float]) 
         text: Text of the reply.
         space: Names and bounds of the parameters.
         current: Values of the incumbent.
+        offered: Values that `take` may name: those of the solved step and of this round's measurements.
 
     Raises:
         ReplyError: No JSON object with parameters, a value that is no finite number, no known name, or no change.
@@ -220,8 +235,17 @@ def parse_reply(text: str, space: ParameterSpace, current: Mapping[str, float]) 
         return _ParsedReply(dict(current), *texts, solve=solve, weigh=weigh, radius=answer.radius, effects=effects)
     if not predict and answer.measure:
         return _ParsedReply(dict(current), *texts, measure=_changes(answer.measure, space), keep=bool(answer.keep))
-    others = tuple(_tried(one, ("", _cleaned(one.reasoning)), space, current) for one in answer.alternatives or ())
-    proposed = replace(_tried(answer, texts, space, current), probe=bool(answer.probe), alternatives=others)
+    others = tuple(
+        _tried(one, ("", _cleaned(one.reasoning)), space, current, current) for one in answer.alternatives or ()
+    )
+    take = str(answer.take or "").strip()
+    if take and take not in offered:
+        known = listed([f"'{name}'" for name in offered], len(offered))
+        allowed = f"it may be {known}" if known else "no step was solved in this turn and nothing measured in its round"
+        raise ReplyError(f"'take' is {shown(take)}; {allowed}")
+    begun = offered[take] if take else current
+    tried = _tried(answer, texts, space, current, begun)
+    proposed = replace(tried, take=take, probe=bool(answer.probe), alternatives=others)
     return replace(proposed, predict=predict, solve=solve, weigh=weigh, radius=answer.radius, effects=effects)
 
 
@@ -267,10 +291,13 @@ def _names(given: Sequence[str], space: ParameterSpace, field_name: str) -> tupl
     return names
 
 
-def _tried(answer: _Try, texts: tuple[str, str], space: ParameterSpace, current: Mapping[str, float]) -> _ParsedReply:
-    """The values of one proposal."""
+def _tried(
+    answer: _Try, texts: tuple[str, str], space: ParameterSpace, current: Mapping[str, float],
+    begun: Mapping[str, float],
+) -> _ParsedReply:  # fmt: skip
+    """The values of one proposal, which changes those that it has begun with."""
     given = {name: value for name, value in answer.parameters.items() if value is not None}
-    values, clipped, problems = dict(current), dict[str, float](), list[str]()
+    values, clipped, problems = dict(begun), dict[str, float](), list[str]()
     for parameter in space:
         name = parameter.name
         if name not in given:
@@ -286,7 +313,7 @@ def _tried(answer: _Try, texts: tuple[str, str], space: ParameterSpace, current:
     if problems:
         raise ReplyError(_listed(problems))
     ignored = tuple(_cleaned(name)[:_LONGEST_NAME] for name in given if name not in space.names)
-    missing = tuple(name for name in space.names if name not in given)
+    missing = tuple(name for name in space.names if name not in given) if begun is current else ()
     if len(missing) == len(space):
         hint = unknown_name(ignored[0], space.names) if ignored else "'parameters' is empty"
         raise ReplyError(f"no parameter of the simulator has a value: {hint}")
@@ -314,7 +341,7 @@ def _json_object(text: str) -> dict[str, object]:
             problem = problem or (str(error) if isinstance(error, ValueError) else "it is nested too deeply")
             at += 1
         at = text.find("{", at)
-    usable = [content for content in objects if content.keys() & {"parameters", "measure", "solve", "effects"}]
+    usable = [content for content in objects if content.keys() & {"parameters", "measure", "solve", "effects", "take"}]
     if usable:
         return usable[-1]
     if "{" not in text:

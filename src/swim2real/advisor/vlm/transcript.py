@@ -103,6 +103,7 @@ class Call:
         attempts: Attempts that were made.
         request: What was shown; given when the call is written.
         turn: Turn within the round: 1, and one more after each probe.
+        solved: Values of the step that the instruments solved for the reply; None without.
         format: Of the file.
     """
 
@@ -117,6 +118,7 @@ class Call:
     attempts: tuple[Attempt, ...]
     request: _ShownRequest = _ShownRequest()
     turn: Annotated[int, Field(gt=0, lt=_MOST_CALLS)] = 1
+    solved: Mapping[str, FiniteFloat] | None = None
     format: Literal[1] = 1
 
     @property
@@ -188,13 +190,15 @@ class Transcript:
     def of_round(self, number: int) -> tuple[Call, ...]:
         return tuple(call for call in self._calls if call.round == number)
 
+    def of_turn(self, round_number: int, turn: int, incumbent: Evaluation) -> tuple[Call, ...]:
+        """The calls of a turn of a round that began at this incumbent, as a run that was resumed has asked them."""
+        began = Incumbent.of(incumbent)
+        return tuple(c for c in self.of_round(round_number) if c.turn == turn and c.incumbent.matches(began))
+
     def answer(self, round_number: int, turn: int, incumbent: Evaluation) -> Call | None:
         """The call whose reply a turn's advice was made of, if the turn began at this incumbent; None without."""
-        began = Incumbent.of(incumbent)
-        for call in reversed(self.of_round(round_number)):
-            if call.outcome == "used" and call.turn == turn and call.incumbent.matches(began):
-                return call
-        return None
+        used = [call for call in self.of_turn(round_number, turn, incumbent) if call.outcome == "used"]
+        return used[-1] if used else None
 
     def write(self, call: Call, request: Request) -> Call:
         """Adds a call with its media, each file whole or not at all.
