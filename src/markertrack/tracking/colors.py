@@ -11,6 +11,7 @@ from markertrack.tracking.tracker import Array, Image
 
 LEVELS = 16  # of red, green and blue each, that are told apart
 NOISE = 1.0  # of these, of a camera
+DETAIL = 5.0  # px radius at which they are looked for
 RATE = 0.1  # of the colors of a marker that is seen without a doubt, in each frame
 EVEN = 0.5  # likelihood of colors to be the marker's, from which they are rather than not
 
@@ -38,6 +39,22 @@ class OwnColors:
         own = self._own[marker]
         likely = own / np.maximum(own + self._last[1], 1e-12)
         return bool(len(levels)) and float(likely[levels[:, 0], levels[:, 1], levels[:, 2]].mean()) > EVEN
+
+    def peaks(self, image: Image, marker: int, radius: float) -> tuple[Array, Array]:
+        """Places where a marker's colors are and around which they aren't, and the difference. Shapes (P, 2), (P,)."""
+        share = max(1, int(radius / DETAIL))
+        small = cv2.resize(image, None, fx=1 / share, fy=1 / share, interpolation=cv2.INTER_AREA) if share > 1 else image
+        own, size = self._own[marker], radius / share
+        likely = own / np.maximum(own + _shares(image), 1e-12)
+        levels = small // (256 // LEVELS)
+        likely = likely[levels[..., 0], levels[..., 1], levels[..., 2]]
+        reach = int(1.9 * size + 2)
+        away = np.hypot(*np.mgrid[-reach : reach + 1, -reach : reach + 1])
+        inside, around = away <= size, (away >= 1.3 * size + 1) & (away <= 1.9 * size + 2)
+        clear = cv2.filter2D(likely, -1, inside / inside.sum() - around / around.sum(), borderType=cv2.BORDER_REPLICATE)
+        side = 4 * int(size) + 1  # markers don't overlap
+        rows, columns = np.nonzero((clear == cv2.dilate(clear, np.ones((side, side), np.uint8))) & (clear > EVEN))
+        return np.column_stack([columns, rows]) * share + (share - 1) / 2, clear[rows, columns].astype(float)
 
 
 def _disc(image: Image, point: Array, radius: float) -> Image:

@@ -47,6 +47,7 @@ class FreeTracker:
     Attributes:
         radii: Radius of each marker as it is now [px]. Shape (M,).
         reasons: In how many frames each marker was lost or doubtful, by the reason. Shapes (M,).
+        colors: Theirs, as they were when they were last seen without a doubt.
     """
 
     def __init__(self, most_far: float = np.inf) -> None:
@@ -70,7 +71,7 @@ class FreeTracker:
             time: Time stamp [s].
         """
         count = len(places)
-        self._looks, self._flow, self._colors = looks, Flow(image), OwnColors(image, places, looks.radii)
+        self._looks, self._flow, self.colors = looks, Flow(image), OwnColors(image, places, looks.radii)
         self._places, self._last, self.radii = places.copy(), places.copy(), looks.radii
         self._steps, self._fastest = np.zeros((count, 2)), np.zeros(count)
         self._doubtful = np.where(certain, 0, 1)  # frames since it was certain
@@ -123,7 +124,7 @@ class FreeTracker:
         self._looks.learn(image, found.spots, certain, found.chosen[certain], np.zeros((len(certain), 2)))
         self.radii = self._looks.radii
         for marker in certain.tolist():
-            self._colors.learn(image, marker, positions[marker], self.radii[marker])
+            self.colors.learn(image, marker, positions[marker], self.radii[marker])
         return positions, np.where(sure, confidence, np.minimum(confidence, DOUBT))
 
     def _spots(self, image: Image, expected: Array, carried: Mask, moves: Moves) -> _Found:
@@ -202,7 +203,7 @@ class FreeTracker:
             peak, score, only = self._picture(image, m, place, reach)
             own = carried[m] and not self._lost[m] and score > SAME
             own = own and not contradict(peak, place, self.radii[m])
-            if own and self._colors.are_at(image, m, place, self.radii[m]):
+            if own and self.colors.are_at(image, m, place, self.radii[m]):
                 positions[m], confidence[m] = peak if self.radii[m] < SMALL else place, RIGHT
                 if score < SURELY:
                     self._looks.learn_picture(image, m, place)
