@@ -84,13 +84,11 @@ def _found_again(
 ) -> tuple[Array, Array]:
     """Positions [px] and confidence, with markers that are lost followed from where they can only be."""
     known = np.where((confidence >= DOUBTFUL)[..., None], positions, np.nan)
-    things = {
-        m: Things(*colors, float(tracker.radii[m]))
-        for m in np.flatnonzero((confidence < DOUBTFUL).sum(axis=0) > 1).tolist()
-        if np.isfinite(known[:, m]).any() and (colors := tracker.colors(m)) is not None
-    }
-    if not things:
+    free = {m: tracker.free(m) for m in np.flatnonzero((confidence < DOUBTFUL).sum(axis=0) > 1).tolist()}
+    free = {m: one for m, one in free.items() if one is not None and np.isfinite(known[:, m]).any()}
+    if not free:
         return positions, confidence
+    things = {m: Things(one.colors, number, float(tracker.radii[m])) for m, (one, number) in free.items()}
     room = float(len(frames))
     for k, frame in enumerate(frames):
         image = replace(frame).image
@@ -99,13 +97,12 @@ def _found_again(
             one.see(image, k, known[k], tracker.radii + tracker.radii[m])
     gaps: list[Gap] = []
     for m, one in things.items():
-        belong = belonging([*one.tracklets, *known_stretches(known)], m, float(tracker.radii[m]), room)
-        clicks = dict(tracklet.clearest for tracklet, sure in belong if sure > SURE)
+        belong = belonging([*one.tracklets, *known_stretches(known)], m, float(tracker.radii[m]), room, SURE)
+        seen = {one.first + k: place for one, _ in belong for k, place in enumerate(one.places)}
         for first, end in runs(confidence[:, m] < DOUBTFUL).tolist():
-            inside = {k: place for k, place in clicks.items() if first <= k < end}
-            beside = {k: positions[k, m] for k in (first - 1, end) if 0 <= k < len(frames)}
-            if inside:
-                gaps.append(Gap(m, first, end - 1, inside | beside, frozenset()))
+            if any(first <= k < end for k in seen):
+                beside = {k: positions[k, m] for k in (first - 1, end) if 0 <= k < len(frames)}
+                gaps.append(Gap(m, first, end - 1, beside, seen=seen, looks=free[m][0].looks[free[m][1]]))
     follow_gaps(gaps, enumerate(frames), ahead=True)
     follow_gaps(gaps, reversed(list(enumerate(frames))), ahead=False)
     track = corrected(MarkerTrack([frame.time for frame in frames], positions, confidence), gaps)

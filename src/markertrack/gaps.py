@@ -8,13 +8,14 @@ last certain.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
 
 from markertrack.quality import DOUBTFUL, runs
-from markertrack.tracking.free import FreeTracker
+from markertrack.tracking.free import RIGHT, SAME, FreeTracker
+from markertrack.tracking.looks import Looks
 from markertrack.tracking.tracker import DOUBT, Array, Image, Mask, contradict
 from markertrack.video import Frame
 from swimbase.errors import TrackingError
@@ -30,13 +31,17 @@ class Gap:
         last: Number of the last one.
         known: Places that are known in it and beside it, by frame [px].
         hidden: Frames of it in which the marker is hidden.
+        seen: Places of what can only be the marker, by frame: a way that is elsewhere then is in doubt [px].
+        looks: What the marker looks like; None where a person says where it is, and it is learned there.
     """
 
     marker: int
     first: int
     last: int
     known: dict[int, Array]
-    hidden: frozenset[int]
+    hidden: frozenset[int] = frozenset()
+    seen: dict[int, Array] = field(default_factory=dict)
+    looks: Looks | None = None
 
     def __post_init__(self) -> None:
         self.forth, self.back = _Way(self), _Way(self)
@@ -97,18 +102,35 @@ class _Way:
 
     def see(self, image: Image, frame: int, clock: float) -> None:
         """Takes the next picture of the gap on the way, its number in the track, and a time that grows."""
-        at = frame - self._gap.begin
+        at, gap = frame - self._gap.begin, self._gap
         if self._tracker is not None:
             (self.places[at],), (self.sure[at],) = self._tracker.follow(image, clock)
             self.radius = float(self._tracker.radii[0])
-        if frame in self._gap.hidden:
+            if frame in gap.seen and contradict(self.places[at], gap.seen[frame], self.radius):
+                self.sure[at] = min(self.sure[at], DOUBT)
+        if frame in gap.hidden:
             self._tracker = None
-        elif frame in self._gap.known:
-            self._tracker = FreeTracker()
-            try:
-                self._tracker.start(image, self._gap.known[frame][None], clock)
-            except TrackingError:  # nothing can be made out there
-                self._tracker = None
+        elif frame in gap.known:
+            self._tracker = self._begun(image, gap.known[frame], clock)
+        elif frame in gap.seen and self.sure[at] < DOUBTFUL and gap.looks is not None:
+            looks, one = gap.looks.of(np.array([0])), np.array([0])
+            like = looks.find_pictures(image, one, gap.seen[frame][None], looks.radii)
+            if len(like) and like.fills.max() > SAME:
+                self.places[at], self.sure[at] = like.centers[like.fills.argmax()], RIGHT
+                self._tracker = self._begun(image, self.places[at], clock)
+
+    def _begun(self, image: Image, place: Array, clock: float) -> FreeTracker | None:
+        """A tracker that begins with the marker at a place (2,); None if nothing can be made out there."""
+        tracker = FreeTracker()
+        if self._gap.looks is not None:
+            looks = self._gap.looks.of(np.array([0]))
+            tracker.take_over(image, looks, place[None], np.ones(1, dtype=bool), clock)
+            return tracker
+        try:
+            tracker.start(image, place[None], clock)
+        except TrackingError:
+            return None
+        return tracker
 
 
 def follow_gaps(gaps: Sequence[Gap], frames: Iterable[tuple[int, Frame]], ahead: bool) -> None:

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
+from scipy.sparse.csgraph import connected_components
 
 from markertrack.quality import runs
 from markertrack.tracking.colors import OwnColors
@@ -35,20 +36,12 @@ class Tracklet:
     Attributes:
         first: Number of its first frame.
         places: Where it is in each [px].
-        clear: How clearly it stands out in each.
         marker: Index of the marker that it is; -1 of a thing.
     """
 
     first: int
     places: list[Array]
-    clear: list[float]
     marker: int = -1
-
-    @property
-    def clearest(self) -> tuple[int, Array]:
-        """The frame in which it stands out most, and its place then [px]."""
-        at = int(np.argmax(self.clear))
-        return self.first + at, self.places[at]
 
 
 class Things:
@@ -74,18 +67,13 @@ class Things:
             taken: Places of markers that are known in it, NaN of others [px]. Shape (M, 2).
             apart: How far from them there is something else [px]. Shape (M,).
         """
-        places, clear = self._colors.peaks(image, self._marker, self._radius)
-        free = ~(np.linalg.norm(places[:, None] - taken, axis=2) < apart).any(axis=1)
-        before = self._followed(image, places[free])
-        now: list[Tracklet] = []
-        for place, value, last in zip(places[free], clear[free].tolist(), before, strict=True):
-            if last is None:
-                last = Tracklet(frame, [], [])
-                self.tracklets.append(last)
-            last.places.append(place)
-            last.clear.append(value)
-            now.append(last)
-        self._going = now
+        places = self._colors.peaks(image, self._marker, self._radius)
+        places = places[~(np.linalg.norm(places[:, None] - taken, axis=2) < apart).any(axis=1)]
+        going = [last or Tracklet(frame, []) for last in self._followed(image, places)]
+        for one, place in zip(going, places, strict=True):
+            one.places.append(place)
+        self.tracklets += [one for one in going if one.first == frame]
+        self._going = going
 
     def _followed(self, image: Image, places: Array) -> list[Tracklet | None]:
         """What flow leads to each of places (P, 2)."""
@@ -111,26 +99,34 @@ class Things:
 def known_stretches(positions: Array) -> list[Tracklet]:
     """Stretches in which markers are known. `positions`: NaN where one isn't [px], shape (T, M, 2)."""
     return [
-        Tracklet(first, list(positions[first:end, m]), [1.0] * (end - first), m)
+        Tracklet(first, list(positions[first:end, m]), m)
         for m in range(positions.shape[1])
         for first, end in runs(np.isfinite(positions[:, m, 0])).tolist()
     ]
 
 
-def belonging(tracklets: Sequence[Tracklet], marker: int, radius: float, room: float) -> list[tuple[Tracklet, float]]:
-    """Things that are a marker, and how sure that is, from 0 to 1.
+def belonging(
+    tracklets: Sequence[Tracklet], marker: int, radius: float, room: float, sure: float
+) -> list[tuple[Tracklet, float]]:
+    """Things that are a marker, and how sure that is.
 
     Args:
         tracklets: Things of its colors, and stretches in which markers are known.
         marker: Its index.
         radius: Its radius [px].
         room: Of all pictures, in which things may turn up [px²].
+        sure: How sure it must be, from 0 to 1.
     """
     every = [one for one in tracklets if one.marker >= 0 or len(one.places) >= SEVERAL]
+    if all(one.marker >= 0 for one in every):
+        return []
     worth = _worth(every, radius, room)
+    _, part = connected_components(worth > 0, directed=False)
+    near = np.flatnonzero(np.isin(part, [part[n] for n, one in enumerate(every) if one.marker == marker]))
+    every, worth = [every[n] for n in near], worth[np.ix_(near, near)]  # nothing else has to do with it
     best, after = _linked(worth)
     before = {later: first for first, later in after.items()}
-    odds: dict[int, float] = {}
+    found: dict[int, float] = {}
     for start in [n for n, one in enumerate(every) if one.marker == marker]:
         for links, ahead in ((after, True), (before, False)):
             chain = [start]
@@ -141,8 +137,10 @@ def belonging(tracklets: Sequence[Tracklet], marker: int, radius: float, room: f
                 without = worth.copy()
                 without[np.ix_(chain[:cut], chain[cut:]) if ahead else np.ix_(chain[cut:], chain[:cut])] = 0.0
                 least = min(least, best - _linked(without)[0])
-                odds[chain[cut]] = max(odds.get(chain[cut], 0.0), least)
-    return [(every[n], float(1 / (1 + np.exp(-odd)))) for n, odd in odds.items() if every[n].marker < 0]
+                if least < np.log(sure / (1 - sure)):
+                    break
+                found[chain[cut]] = max(found.get(chain[cut], 0.0), least)
+    return [(every[n], float(1 / (1 + np.exp(-odds)))) for n, odds in found.items() if every[n].marker < 0]
 
 
 def _linked(worth: Array) -> tuple[float, dict[int, int]]:

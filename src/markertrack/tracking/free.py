@@ -48,6 +48,7 @@ class FreeTracker:
         radii: Radius of each marker as it is now [px]. Shape (M,).
         reasons: In how many frames each marker was lost or doubtful, by the reason. Shapes (M,).
         colors: Theirs, as they were when they were last seen without a doubt.
+        looks: Those of markers that are in doubt, likewise, by their index.
     """
 
     def __init__(self, most_far: float = np.inf) -> None:
@@ -79,6 +80,7 @@ class FreeTracker:
         self._lost = ~certain  # whether flow didn't carry it on since it was certain
         self._agreed = np.where(certain, AGAIN, 0)  # frames in which it was seen, one after the other
         self._time = time
+        self.looks: dict[int, Looks] = {}
         now = _Known(self._flow.picture, np.where(certain[:, None], places, np.nan))
         self._known = [[now] if one else [] for one in certain]  # the first one and the last
         self.reasons = {reason: np.zeros(count, dtype=np.int64) for reason in REASONS}
@@ -120,6 +122,8 @@ class FreeTracker:
         for marker in np.flatnonzero(sure):
             self._known[marker][1:] = [now]
         self._take(positions, confidence > DOUBT, sure, moves, carried, np.array(image.shape[1::-1]) - 1)
+        for marker in np.flatnonzero(self._doubtful == 1).tolist():  # before they change by looking for it
+            self.looks[marker] = self._looks.of(np.array([marker]))
         certain = np.flatnonzero(sure & (found.chosen >= 0))
         self._looks.learn(image, found.spots, certain, found.chosen[certain], np.zeros((len(certain), 2)))
         self.radii = self._looks.radii

@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markertrack.tracking.bodies import BodyTracker
-from markertrack.tracking.colors import OwnColors
 from markertrack.tracking.free import APART, CERTAIN, NEARBY, RATIO, FreeTracker
 from markertrack.tracking.looks import Looks
 from markertrack.tracking.tracker import DOUBT, REASONS, Array, Image, Mask
@@ -60,11 +59,11 @@ class MarkerTracker:
             out[of] = tracker.radii
         return out
 
-    def colors(self, marker: int) -> tuple[OwnColors, int] | None:
-        """Colors of some markers and which one it is, if nothing connects it with others."""
+    def free(self, marker: int) -> tuple[FreeTracker, int] | None:
+        """What follows a marker that nothing connects with others, and its number there."""
         for tracker, of in reversed(self._parts):  # those that a soft body was left to come last
             if isinstance(tracker, FreeTracker) and marker in of:
-                return tracker.colors, of.tolist().index(marker)
+                return tracker, of.tolist().index(marker)
         return None
 
     def start(self, image: Image, points: Array, time: float) -> tuple[Array, Array]:
