@@ -18,7 +18,7 @@ from markertrack.quality import DOUBTFUL, runs
 from markertrack.track import MarkerTrack
 from markertrack.tracking.markers import MarkerTracker
 from markertrack.tracking.tracker import Array, Tracker
-from markertrack.tracklets import ENDS, Things, belonging, known_stretches
+from markertrack.tracklets import ENDS, Things, Tracklet, belonging, known_stretches
 from markertrack.video import Frame, most_frames
 
 SETTLED = 5  # frames in which all markers are certain, after which a break is over
@@ -42,6 +42,7 @@ def both_ways(tracker: Tracker, frames: Iterable[Frame], points: Array) -> Itera
     """
     kept: list[Seen] = []  # from a little before the last frame on in which all markers were certain
     clock, settled = 0.0, 0
+    past: dict[int, Tracklet] = {}  # where markers were known before that
     last: Frame | None = None
     for frame in frames:
         if last is None:
@@ -58,15 +59,24 @@ def both_ways(tracker: Tracker, frames: Iterable[Frame], points: Array) -> Itera
             yield from kept[:-BEFORE]
             del kept[:-BEFORE]
         elif settled == SETTLED or len(kept) == most_frames(*frame.image.shape[1::-1]):
-            kept = _looked_back(tracker, kept, clock)
+            kept = _looked_back(tracker, kept, clock, past)
+            past = _earlier(past, kept)
             yield from kept[:-BEFORE]
             del kept[:-BEFORE]
     if isinstance(tracker, MarkerTracker) and settled < len(kept):
-        kept = _looked_back(tracker, kept, clock)
+        kept = _looked_back(tracker, kept, clock, past)
     yield from kept
 
 
-def _looked_back(tracker: MarkerTracker, kept: list[Seen], clock: float) -> list[Seen]:
+def _earlier(past: dict[int, Tracklet], kept: list[Seen]) -> dict[int, Tracklet]:
+    """The last stretches in which markers were known, numbered from the last few of the frames on."""
+    places, sure = (np.array([one[n] for one in kept]) for n in (1, 2))
+    newer = {one.marker: one for one in known_stretches(places, sure)}
+    gone = max(len(kept) - BEFORE, 0)
+    return {m: Tracklet(one.first - gone, one.places, m) for m, one in (past | newer).items()}
+
+
+def _looked_back(tracker: MarkerTracker, kept: list[Seen], clock: float, past: dict[int, Tracklet]) -> list[Seen]:
     """Frames, by the way back as well from the last of them, up to which a tracker has come."""
     turned = deepcopy(tracker)
     turned.turn()
@@ -76,16 +86,19 @@ def _looked_back(tracker: MarkerTracker, kept: list[Seen], clock: float) -> list
     for k in range(len(frames) - 2, -1, -1):
         clock += abs(frames[k + 1].time - frames[k].time)
         back[0][k], back[1][k] = turned.follow(replace(frames[k]).image, clock)
-    return list(zip(frames, *_found_again(tracker, frames, *joined(forth, back, turned.radii)), strict=True))
+    both = joined(forth, back, turned.radii)
+    return list(zip(frames, *_found_again(tracker, frames, *both, past), strict=True))
 
 
 def _found_again(
-    tracker: MarkerTracker, frames: Sequence[Frame], positions: Array, confidence: Array
+    tracker: MarkerTracker, frames: Sequence[Frame], positions: Array, confidence: Array, past: dict[int, Tracklet]
 ) -> tuple[Array, Array]:
     """Positions [px] and confidence, with markers that are lost followed from where they can only be."""
+    stretches = known_stretches(positions, confidence)
+    stretches += [one for one in past.values() if one.last < 0]
     known = np.where((confidence >= DOUBTFUL)[..., None], positions, np.nan)
     free = {m: tracker.free(m) for m in np.flatnonzero((confidence < DOUBTFUL).sum(axis=0) > 1).tolist()}
-    free = {m: one for m, one in free.items() if one is not None and np.isfinite(known[:, m]).any()}
+    free = {m: one for m, one in free.items() if one is not None and m in {one.marker for one in stretches}}
     if not free:
         return positions, confidence
     things = {m: Things(one.colors, number, float(tracker.radii[m])) for m, (one, number) in free.items()}
@@ -97,7 +110,7 @@ def _found_again(
             one.see(image, k, known[k], tracker.radii + tracker.radii[m])
     gaps: list[Gap] = []
     for m, one in things.items():
-        belong = belonging([*one.tracklets, *known_stretches(known)], m, float(tracker.radii[m]), room, SURE)
+        belong = belonging([*one.tracklets, *stretches], m, float(tracker.radii[m]), room, SURE)
         seen = {one.first + k: place for one, _ in belong for k, place in enumerate(one.places)}
         for first, end in runs(confidence[:, m] < DOUBTFUL).tolist():
             if any(first <= k < end for k in seen):

@@ -17,7 +17,7 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 from scipy.sparse.csgraph import connected_components
 
-from markertrack.quality import runs
+from markertrack.quality import DOUBTFUL, runs
 from markertrack.tracking.colors import OwnColors
 from markertrack.tracking.flow import Flow
 from markertrack.tracking.free import MOST_OFF
@@ -25,8 +25,9 @@ from markertrack.tracking.tracker import AGREE, Array, Image, contradict
 
 SEVERAL = 2  # frames in which a thing must be seen
 ENDS = 3  # steps that tell the velocity of a thing at its ends
+MOST = 1000  # tracklets that are linked: those that last longest
 LEAST = 1e-300  # density
-CHANGE = 0.5  # of its speed, by which a velocity changes
+CHANGE = 0.5  # of its speed, by which a velocity changes in a frame
 
 
 @dataclass
@@ -42,6 +43,11 @@ class Tracklet:
     first: int
     places: list[Array]
     marker: int = -1
+
+    @property
+    def last(self) -> int:
+        """Number of its last frame."""
+        return self.first + len(self.places) - 1
 
 
 class Things:
@@ -81,7 +87,7 @@ class Things:
         if self._flow is None:
             self._flow = Flow(image)
         elif self._going:
-            last, earlier = (np.array([one.places[-at :][0] for one in self._going]) for at in (1, 2))
+            last, earlier = (np.array([one.places[-at:][0] for one in self._going]) for at in (1, 2))
             radii = np.full(len(last), self._radius)
             moves = self._flow.follow(image, last, radii, last - earlier)
             there = (last + moves.steps)[:, None]
@@ -96,12 +102,12 @@ class Things:
         return out
 
 
-def known_stretches(positions: Array) -> list[Tracklet]:
-    """Stretches in which markers are known. `positions`: NaN where one isn't [px], shape (T, M, 2)."""
+def known_stretches(positions: Array, confidence: Array) -> list[Tracklet]:
+    """Stretches in which markers are known, in order. Shapes (T, M, 2) [px], (T, M)."""
     return [
         Tracklet(first, list(positions[first:end, m]), m)
         for m in range(positions.shape[1])
-        for first, end in runs(np.isfinite(positions[:, m, 0])).tolist()
+        for first, end in runs(confidence[:, m] >= DOUBTFUL).tolist()
     ]
 
 
@@ -120,6 +126,7 @@ def belonging(
     every = [one for one in tracklets if one.marker >= 0 or len(one.places) >= SEVERAL]
     if all(one.marker >= 0 for one in every):
         return []
+    every = sorted(every, key=lambda one: (one.marker < 0, -len(one.places)))[:MOST]
     worth = _worth(every, radius, room)
     _, part = connected_components(worth > 0, directed=False)
     near = np.flatnonzero(np.isin(part, [part[n] for n, one in enumerate(every) if one.marker == marker]))
@@ -152,28 +159,24 @@ def _linked(worth: Array) -> tuple[float, dict[int, int]]:
 
 def _worth(tracklets: Sequence[Tracklet], radius: float, room: float) -> Array:
     """Logarithm of how much likelier each goes on as each other one than that this is new; 0 for less. Shape (N, N)."""
-    markers = np.array([one.marker for one in tracklets])
+    markers, begin, end = np.array([(one.marker, one.first, one.last) for one in tracklets]).T
     first, last = (np.array([one.places[at] for one in tracklets]) for at in (0, -1))
-    begin, length = np.array([(one.first, len(one.places)) for one in tracklets]).T
-    starting, ending = (np.array([_velocity(one.places[part]) for one in tracklets]) for part in (slice(ENDS + 1), slice(-ENDS - 1, None)))
-    speed = CHANGE * np.array([_speed(one.places) for one in tracklets])
-    gap = begin - (begin + length - 1)[:, None]
-    frames, noise = np.maximum(gap, 1), AGREE[0] * radius
-    change = np.maximum(speed[:, None], speed)
-    new, moving = markers < 0, length > 1
-    usual = starting[new & moving]
-
-    known = np.maximum(moving[:, None].astype(int) + moving, 1)  # of the two velocities: none of what was seen once
-    velocity = (ending[:, None] + starting) / known[..., None]
-    way = _likely(first - last[:, None] - velocity * frames[..., None], noise**2 + (frames * change) ** 2)
-    often = np.maximum((length[new] >= length[:, None]).sum(axis=1), 1) / room  # new things that last as long
-    spread = (noise / ENDS) ** 2 + change**2
-    turn = _likely(starting - ending[:, None], spread)
-    for n in range(len(tracklets)):
-        turn[n] -= np.log(np.exp(_likely(starting[:, None] - usual, spread[n][:, None])).mean(axis=1) + LEAST)
-    out = way - np.log(frames * often) + np.where(moving & moving[:, None], turn, 0.0)
-    other = (markers[:, None] >= 0) & (markers >= 0) & (markers[:, None] != markers)
-    return np.where((gap < 1) | other, 0.0, np.maximum(out, 0.0))
+    starting = np.array([_velocity(one.places[: ENDS + 1]) for one in tracklets])
+    ending = np.array([_velocity(one.places[-ENDS - 1 :]) for one in tracklets])
+    speed = np.array([_speed(one.places) for one in tracklets])
+    new, moving, frames = markers < 0, end > begin, begin - end[:, None]
+    change, noise = CHANGE * np.maximum(speed[:, None], speed), AGREE[0] * radius
+    mean = (ending[:, None] + starting) / np.maximum(moving[:, None].astype(int) + moving, 1)[..., None]
+    way = _likely(first - last[:, None] - mean * frames[..., None], noise**2 + (frames * change) ** 2)
+    longer = ((end - begin)[new] >= (end - begin)[:, None]).sum(axis=1)  # new things that last as long
+    later = np.maximum(frames, 1)
+    spread = (noise / ENDS) ** 2 + later * change**2
+    usual = np.exp(_likely(starting[:, None] - starting[new], np.diag(spread)[:, None])).mean(axis=1)
+    turn = _likely(starting - ending[:, None], spread) - np.log(usual + LEAST)
+    worth = way - np.log(later * np.maximum(longer, 1) / room) + np.where(moving & moving[:, None], turn, 0.0)
+    other = ~new & ~new[:, None] & (markers != markers[:, None])
+    unknown = (begin == 0) & (end[:, None] < 0)  # it may have been there before
+    return np.where((frames < 1) | other | unknown, 0.0, np.maximum(worth, 0.0))
 
 
 def _likely(off: Array, variance: Array) -> Array:

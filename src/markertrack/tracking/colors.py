@@ -43,7 +43,7 @@ class OwnColors:
     def peaks(self, image: Image, marker: int, radius: float) -> Array:
         """Places where a marker's colors are and around which they aren't. Shape (P, 2)."""
         share = max(1, int(radius / DETAIL))
-        small = cv2.resize(image, None, fx=1 / share, fy=1 / share, interpolation=cv2.INTER_AREA) if share > 1 else image
+        small = cv2.resize(image, None, fx=1 / share, fy=1 / share, interpolation=cv2.INTER_AREA)
         own, size = self._own[marker], radius / share
         likely = own / np.maximum(own + _shares(image), 1e-12)
         levels = small // (256 // LEVELS)
@@ -54,7 +54,7 @@ class OwnColors:
         clear = cv2.filter2D(likely, -1, inside / inside.sum() - around / around.sum(), borderType=cv2.BORDER_REPLICATE)
         side = 4 * int(size) + 1  # markers don't overlap
         rows, columns = np.nonzero((clear == cv2.dilate(clear, np.ones((side, side), np.uint8))) & (clear > EVEN))
-        return np.column_stack([columns, rows]) * share + (share - 1) / 2
+        return share * np.column_stack([columns, rows]).astype(np.float64) + (share - 1) / 2
 
 
 def _disc(image: Image, point: Array, radius: float) -> Image:

@@ -26,9 +26,8 @@ NEAR = 0.6, 2.0  # radii and px from where it was carried within which its spot 
 FAR = 1.5  # radii within which one is looked for that wasn't carried, besides how it may have moved
 NEARBY = 8.0  # radii, besides its step, within which one is looked for by its picture
 SMALL = 5.0  # px radius, below which a picture tells the place of a marker better than flow does
-SOON = 10  # frames after which a marker that was lost is only believed to be found again if it can't be another
-CARRIED = 8  # frames for which flow alone is followed
-AGAIN, LATE = 2, 5  # frames that a marker must be seen in one after the other, after it was lost, and for long
+SOON = 10  # frames in doubt after which a marker isn't followed any longer
+AGAIN = 2  # frames that a marker must be seen in one after the other, after it was lost
 CLEAR = 0.65  # likeness of a spot, below which it is measured anew in its colors of now
 REPEATED = 0.02  # px that nothing moves by in a picture that repeats the last one
 SAME, SURELY = 0.75, 0.85  # correlation with its picture where it was carried to, and elsewhere
@@ -80,7 +79,7 @@ class FreeTracker:
         self._lost = ~certain  # whether flow didn't carry it on since it was certain
         self._agreed = np.where(certain, AGAIN, 0)  # frames in which it was seen, one after the other
         self._time = time
-        self.looks: dict[int, Looks] = {}
+        self.looks = {int(m): looks.of(np.array([m])) for m in np.flatnonzero(~certain)}
         now = _Known(self._flow.picture, np.where(certain[:, None], places, np.nan))
         self._known = [[now] if one else [] for one in certain]  # the first one and the last
         self.reasons = {reason: np.zeros(count, dtype=np.int64) for reason in REASONS}
@@ -88,6 +87,11 @@ class FreeTracker:
     def turn(self) -> None:
         """Takes in that the film is played backward from here on."""
         self._steps = -self._steps
+
+    @property
+    def _followed(self) -> Mask:
+        """Which markers weren't in doubt for too long. Shape (M,)."""
+        return self._doubtful <= SOON
 
     @property
     def places(self) -> Array:
@@ -100,9 +104,10 @@ class FreeTracker:
         self._time = time
         moves = self._flow.follow(image, self._places, self.radii, self._steps)
         carried = moves.errors < np.maximum(MOST_OFF[0], MOST_OFF[1] * self.radii)
-        carried &= (self._agreed > 0) | (self._doubtful <= CARRIED)
         there = self._places + moves.steps
-        carried &= inside(there, image) & ~self._stood(there, np.arange(len(there)))  # else it follows what is behind
+        carried &= (
+            self._followed & inside(there, image) & ~self._stood(there, np.arange(len(there)))
+        )  # else it follows what is behind
         expected = np.where(carried[:, None], there, self._places + self._steps)
         self._looks.grow(np.where(carried, moves.growths, 1.0))
         found = self._spots(image, expected, carried, moves)
@@ -110,10 +115,10 @@ class FreeTracker:
         lost = self._doubles(positions, confidence)
         positions[lost], confidence[lost], found.chosen[lost] = np.nan, 0.0, -1
         self._agreed = np.where(confidence > DOUBT, self._agreed + 1, 0)
-        sure = self._agreed >= np.where(self._doubtful <= SOON, AGAIN, LATE)
+        sure = self._agreed >= AGAIN
         off = np.linalg.norm(positions - expected, axis=1)
         near = NEAR[0] * self.radii + NEAR[1] + AHEAD * np.hypot(*self._steps.T)
-        self._jumped |= self._lost & ((self._doubtful > SOON) | ((confidence > DOUBT) & ~(off < near)))
+        self._jumped |= self._lost & (confidence > DOUBT) & ~(off < near)
         settled = sure & ~self._jumped
         for marker in np.flatnonzero(sure & self._jumped).tolist():
             sure[marker] = self._only(image, marker, positions, settled)
@@ -137,7 +142,8 @@ class FreeTracker:
         far = FAR * self.radii + np.maximum(speed, self.radii) * (1 + self._doubtful)
         far = np.minimum(far, self._most_far * self.radii + speed)
         reach = np.where(carried, NEAR[0] * self.radii + NEAR[1], far)
-        spots, of = self._measured(image, squares(expected, reach + 0.5 * self.radii), carried)
+        boxes = squares(expected, reach + 0.5 * self.radii)
+        spots, of = self._measured(image, np.where(self._followed[:, None], boxes, 0), carried)
         chosen, alone = np.full(len(expected), -1), np.ones(len(expected), dtype=bool)
         if not len(spots):
             return _Found(spots, chosen, np.zeros(len(expected)), alone, reach)
@@ -191,8 +197,8 @@ class FreeTracker:
     def _seen(self, image: Image, expected: Array, carried: Mask, found: _Found) -> tuple[Array, Array]:
         """Positions and confidence by the best opinion on each marker."""
         positions, confidence = np.full_like(expected, np.nan), np.zeros(len(expected))
-        chosen, soon = found.chosen, self._doubtful <= SOON
-        for m in range(len(expected)):
+        chosen = found.chosen
+        for m in np.flatnonzero(self._followed).tolist():
             place = found.spots.centers[chosen[m]] if chosen[m] >= 0 else expected[m]
             if carried[m] and not self._lost[m] and found.like[m] < CLEAR:
                 again = self._looks.pick_again(image, m, expected[m])
@@ -216,7 +222,7 @@ class FreeTracker:
                 whole = near or found.like[m] > CLEAR  # and not a part of one that is blurred
                 positions[m], confidence[m] = place, LIKELY if score > SAME and found.alone[m] and whole else DOUBT
             elif score > SURELY:
-                again = self._looks.pick_again(image, m, peak) if soon[m] and only else None
+                again = self._looks.pick_again(image, m, peak) if only else None
                 positions[m], confidence[m] = (peak, DOUBT) if again is None else (again, LIKELY)
             elif carried[m]:
                 positions[m], confidence[m] = place, DOUBT
@@ -228,10 +234,7 @@ class FreeTracker:
         away = np.linalg.norm(here - self._last, axis=1)
         reach = max(far[marker] + self.radii[marker], away[marker] / RATIO)
         this = np.arange(len(far)) == marker
-        late = self._doubtful[marker] > SOON
-        others = ~sure & ~this & (away < far) & late
-        boxes = np.where(others[:, None], squares(here + np.zeros_like(self._last), self.radii), 0)
-        boxes[marker] = squares(self._last[[marker]], reach)[0]
+        boxes = np.where(this[:, None], squares(self._last, reach), 0)
         spots, of = self._measured(image, boxes, np.zeros(len(far), dtype=bool))
         like = self._looks.likeness(spots, self._last, np.zeros(len(far)), BLURRED * self.radii)
         like = like[of, np.arange(len(spots))] > LIKE
