@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from copy import deepcopy
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 
@@ -108,14 +109,20 @@ def _found_again(
         room = float(len(frames) * image.shape[0] * image.shape[1])
         for m, one in things.items():
             one.see(image, k, known[k], tracker.radii + tracker.radii[m])
-    gaps: list[Gap] = []
+    seen: dict[int, dict[int, Array]] = {}
     for m, one in things.items():
         belong = belonging([*one.tracklets, *stretches], m, float(tracker.radii[m]), room, SURE)
-        seen = {one.first + k: place for one, _ in belong for k, place in enumerate(one.places)}
+        seen[m] = {one.first + k: place for one, _ in belong for k, place in enumerate(one.places)}
+    for m, n in combinations(seen, 2):  # one thing is one marker
+        for k in seen[m].keys() & seen[n].keys():
+            if np.hypot(*(seen[m][k] - seen[n][k])) < max(tracker.radii[m], tracker.radii[n]):
+                del seen[m][k], seen[n][k]
+    gaps: list[Gap] = []
+    for m, places in seen.items():
         for first, end in runs(confidence[:, m] < DOUBTFUL).tolist():
-            if any(first <= k < end for k in seen):
+            if any(first <= k < end for k in places):
                 beside = {k: positions[k, m] for k in (first - 1, end) if 0 <= k < len(frames)}
-                gaps.append(Gap(m, first, end - 1, beside, seen=seen, looks=free[m][0].looks[free[m][1]]))
+                gaps.append(Gap(m, first, end - 1, beside, seen=places, looks=free[m][0].looks[free[m][1]]))
     follow_gaps(gaps, enumerate(frames), ahead=True)
     follow_gaps(gaps, reversed(list(enumerate(frames))), ahead=False)
     track = corrected(MarkerTrack([frame.time for frame in frames], positions, confidence), gaps)
