@@ -26,7 +26,6 @@ from markertrack.tracking.tracker import AGREE, Array, Image, contradict
 SEVERAL = 2  # frames in which a thing must be seen
 ENDS = 3  # steps that tell the velocity of a thing at its ends
 MOST = 1000  # tracklets that are linked: those that last longest
-LEAST = 1e-300  # density
 CHANGE = 0.5  # of its speed, by which a velocity changes in a frame
 
 
@@ -172,7 +171,7 @@ def _worth(tracklets: Sequence[Tracklet], radius: float, room: float) -> Array:
     later = np.maximum(frames, 1)
     spread = (noise / ENDS) ** 2 + later * change**2
     usual = np.exp(_likely(starting[:, None] - starting[new], np.diag(spread)[:, None])).mean(axis=1)
-    turn = _likely(starting - ending[:, None], spread) - np.log(usual + LEAST)
+    turn = _likely(starting - ending[:, None], spread) - np.log(np.maximum(usual, np.finfo(np.float64).tiny))
     worth = way - np.log(later * np.maximum(longer, 1) / room) + np.where(moving & moving[:, None], turn, 0.0)
     other = ~new & ~new[:, None] & (markers != markers[:, None])
     unknown = (begin == 0) & (end[:, None] < 0)  # it may have been there before

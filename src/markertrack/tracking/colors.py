@@ -7,11 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
+from markertrack.tracking.spots import DETAIL
 from markertrack.tracking.tracker import Array, Image
 
 LEVELS = 16  # of red, green and blue each, that are told apart
 NOISE = 1.0  # of these, of a camera
-DETAIL = 5.0  # px radius at which they are looked for
 RATE = 0.1  # of the colors of a marker that is seen without a doubt, in each frame
 EVEN = 0.5  # likelihood of colors to be the marker's, from which they are rather than not
 
