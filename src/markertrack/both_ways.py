@@ -1,24 +1,30 @@
 """A film both ways: forth from the points that were clicked and, over each break, back from where all is certain again.
 
-A break is a time in which markers are lost or doubtful. A marker is where one of the ways is certain of it. What a way
-is certain of after a break may be another marker: it is believed unless the other way, followed from there without a
-break, arrives at another place than where the marker was last certain.
+A break is a time in which markers are lost or doubtful. What neither way knows is looked for in the whole of it: a
+marker that nothing connects is followed anew, both ways, from what can only be it (`tracklets`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from copy import deepcopy
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 
+from markertrack.corrections import corrected
+from markertrack.gaps import Gap, follow_gaps, joined
 from markertrack.quality import DOUBTFUL, runs
+from markertrack.track import MarkerTrack
 from markertrack.tracking.markers import MarkerTracker
-from markertrack.tracking.tracker import DOUBT, Array, Mask, Tracker, contradict
+from markertrack.tracking.tracker import Array, Tracker
+from markertrack.tracklets import ENDS, Things, Tracklet, belonging, known_stretches
 from markertrack.video import Frame, most_frames
 
 SETTLED = 5  # frames in which all markers are certain, after which a break is over
+BEFORE = ENDS + 1  # frames before a break, which tell how markers moved
+SURE = 0.9  # that a thing is a marker which was lost
 SMEARED = 0.4  # highest confidence in a picture that may be smeared: doubtful to `check_track`
 
 Seen = tuple[Frame, Array, Array]
@@ -35,8 +41,9 @@ def both_ways(tracker: Tracker, frames: Iterable[Frame], points: Array) -> Itera
     Yields:
         Each frame with positions [px], shape (M, 2), and confidence, shape (M,). Those of a break come when it is over.
     """
-    kept: list[Seen] = []  # from the last frame on in which all markers were certain
+    kept: list[Seen] = []  # from a little before the last frame on in which all markers were certain
     clock, settled = 0.0, 0
+    past: dict[int, Tracklet] = {}  # where markers were known before that
     last: Frame | None = None
     for frame in frames:
         if last is None:
@@ -50,65 +57,73 @@ def both_ways(tracker: Tracker, frames: Iterable[Frame], points: Array) -> Itera
         kept.append((replace(frame), positions, confidence))  # without its converted picture
         settled = settled + 1 if (confidence >= DOUBTFUL).all() else 0
         if settled >= len(kept) or not isinstance(tracker, MarkerTracker):
-            yield from kept[:-1]
-            del kept[:-1]
+            yield from kept[:-BEFORE]
+            del kept[:-BEFORE]
         elif settled == SETTLED or len(kept) == most_frames(*frame.image.shape[1::-1]):
-            yield from _looked_back(tracker, kept, clock)[:-1]
-            del kept[:-1]
-    if isinstance(tracker, MarkerTracker) and len(kept) > 1:
-        kept = _looked_back(tracker, kept, clock)
+            kept = _looked_back(tracker, kept, clock, past)
+            past = _earlier(past, kept)
+            yield from kept[:-BEFORE]
+            del kept[:-BEFORE]
+    if isinstance(tracker, MarkerTracker) and settled < len(kept):
+        kept = _looked_back(tracker, kept, clock, past)
     yield from kept
 
 
-def _looked_back(tracker: MarkerTracker, kept: list[Seen], clock: float) -> list[Seen]:
+def _earlier(past: dict[int, Tracklet], kept: list[Seen]) -> dict[int, Tracklet]:
+    """The last stretches in which markers were known, numbered from the last few of the frames on."""
+    places, sure = (np.array([one[n] for one in kept]) for n in (1, 2))
+    newer = {one.marker: one for one in known_stretches(places, sure)}
+    gone = max(len(kept) - BEFORE, 0)
+    return {m: Tracklet(one.first - gone, one.places, m) for m, one in (past | newer).items()}
+
+
+def _looked_back(tracker: MarkerTracker, kept: list[Seen], clock: float, past: dict[int, Tracklet]) -> list[Seen]:
     """Frames, by the way back as well from the last of them, up to which a tracker has come."""
-    tracker = deepcopy(tracker)
-    tracker.turn()
+    turned = deepcopy(tracker)
+    turned.turn()
     frames, places, sure = zip(*kept, strict=True)
     forth = np.array(places), np.array(sure)
     back = np.full_like(forth[0], np.nan), np.zeros_like(forth[1])
     for k in range(len(frames) - 2, -1, -1):
         clock += abs(frames[k + 1].time - frames[k].time)
-        back[0][k], back[1][k] = tracker.follow(replace(frames[k]).image, clock)
-    return list(zip(frames, *joined(forth, back, tracker.radii), strict=True))
+        back[0][k], back[1][k] = turned.follow(replace(frames[k]).image, clock)
+    both = joined(forth, back, turned.radii)
+    return list(zip(frames, *_found_again(tracker, frames, *both, past), strict=True))
 
 
-def joined(forth: tuple[Array, Array], back: tuple[Array, Array], radii: Array) -> tuple[Array, Array]:
-    """Positions and confidence by both ways.
-
-    Args:
-        forth: Positions [px], shape (T, M, 2), and confidence, shape (T, M).
-        back: Those of the way back, in the same order of frames.
-        radii: Radii of the markers [px]. Shape (M,).
-    """
-    positions, confidence = forth[0].copy(), forth[1].copy()
-    between = np.linalg.norm(forth[0] - back[0], axis=2)
-    apart = contradict(forth[0], back[0], radii)
-    for m in range(positions.shape[1]):
-        certain, again, other = forth[1][:, m] >= DOUBTFUL, back[1][:, m] >= DOUBTFUL, apart[:, m]
-        known = certain & ~_refuted(certain, again, other)
-        kept = again & ~_refuted(again[::-1], certain[::-1], other[::-1])[::-1]
-        near = np.isfinite(between[:, m]) & ~other
-        confirmed = near.copy()
-        for first, end in runs(kept):
-            begun = end == len(certain) - 1 and certain[-1]
-            if begun or (near & known)[first:end].any():  # else nothing says that it is this marker
-                confirmed[first + 1 : end - 1] = True  # not where it is lost next: no other place confirms that one
-        fill = kept & ~known & confirmed
-        positions[fill, m], confidence[fill, m] = back[0][fill, m], back[1][fill, m]
-        confidence[~known & ~fill, m] = np.minimum(confidence[~known & ~fill, m], DOUBT)
-    return positions, confidence
-
-
-def _refuted(certain: Mask, again: Mask, apart: Mask) -> Mask:
-    """Frames in which a marker is certain from which the way back leads elsewhere than it came from. Shapes (T,)."""
-    out = np.zeros_like(certain)
-    stretches = runs(certain)
-    known = stretches[0][1] - 1 if len(stretches) else 0  # last frame that is believed
-    for first, end in stretches[1:]:
-        same = np.flatnonzero(again[first:end] & ~apart[first:end])
-        if len(same) and again[known : first + same[0]].all() and apart[known]:
-            out[first:end] = True
-        else:
-            known = end - 1
-    return out
+def _found_again(
+    tracker: MarkerTracker, frames: Sequence[Frame], positions: Array, confidence: Array, past: dict[int, Tracklet]
+) -> tuple[Array, Array]:
+    """Positions [px] and confidence, with markers that are lost followed from where they can only be."""
+    stretches = known_stretches(positions, confidence)
+    stretches += [one for one in past.values() if one.last < 0]
+    known = np.where((confidence >= DOUBTFUL)[..., None], positions, np.nan)
+    free = {m: tracker.free(m) for m in np.flatnonzero((confidence < DOUBTFUL).sum(axis=0) > 1).tolist()}
+    free = {m: one for m, one in free.items() if one is not None and m in {one.marker for one in stretches}}
+    if not free:
+        return positions, confidence
+    things = {m: Things(one.colors, number, float(tracker.radii[m])) for m, (one, number) in free.items()}
+    room = float(len(frames))
+    for k, frame in enumerate(frames):
+        image = replace(frame).image
+        room = float(len(frames) * image.shape[0] * image.shape[1])
+        for m, one in things.items():
+            one.see(image, k, known[k], tracker.radii + tracker.radii[m])
+    seen: dict[int, dict[int, Array]] = {}
+    for m, one in things.items():
+        belong = belonging([*one.tracklets, *stretches], m, float(tracker.radii[m]), room, SURE)
+        seen[m] = {one.first + k: place for one, _ in belong for k, place in enumerate(one.places)}
+    for m, n in combinations(seen, 2):  # one thing is one marker
+        for k in seen[m].keys() & seen[n].keys():
+            if np.hypot(*(seen[m][k] - seen[n][k])) < max(tracker.radii[m], tracker.radii[n]):
+                del seen[m][k], seen[n][k]
+    gaps: list[Gap] = []
+    for m, places in seen.items():
+        for first, end in runs(confidence[:, m] < DOUBTFUL).tolist():
+            if any(first <= k < end for k in places):
+                beside = {k: positions[k, m] for k in (first - 1, end) if 0 <= k < len(frames)}
+                gaps.append(Gap(m, first, end - 1, beside, seen=places, looks=free[m][0].looks[free[m][1]]))
+    follow_gaps(gaps, enumerate(frames), ahead=True)
+    follow_gaps(gaps, reversed(list(enumerate(frames))), ahead=False)
+    track = corrected(MarkerTrack([frame.time for frame in frames], positions, confidence), gaps)
+    return track.positions, track.confidence

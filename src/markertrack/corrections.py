@@ -11,19 +11,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from markertrack.both_ways import joined
+from markertrack.gaps import Gap
 from markertrack.points import Anchor
 from markertrack.quality import DOUBTFUL
 from markertrack.track import MarkerTrack
-from markertrack.tracking.free import APART, FreeTracker
-from markertrack.tracking.tracker import DOUBT, Array, Image, Mask, contradict
-from swimbase.errors import TrackingError
+from markertrack.tracking.free import APART
+from markertrack.tracking.tracker import DOUBT, Array, Mask
 
 GAP = 5  # frames between two failures of a marker that are one stretch
 OVERLAP = 0.5  # share of their common time in which two markers of one stretch fail at once
@@ -118,97 +116,6 @@ def spacing(places: Array) -> float:
     """Usual distance of a marker from the next one [px]; NaN where there is one marker."""
     nearest = _apart(places).min(axis=1)
     return float(np.median(nearest[np.isfinite(nearest)])) if np.isfinite(nearest).any() else float("nan")
-
-
-@dataclass
-class Gap:
-    """A stretch of a track in which one marker is followed anew, from what is known of it, both ways.
-
-    Attributes:
-        marker: Its index.
-        first: Number of the first frame of the stretch in the track.
-        last: Number of the last one.
-        known: Places that are known in it and beside it, by frame [px].
-        hidden: Frames of it in which the marker is hidden.
-    """
-
-    marker: int
-    first: int
-    last: int
-    known: dict[int, Array]
-    hidden: frozenset[int]
-
-    def __post_init__(self) -> None:
-        self.forth, self.back = _Way(self), _Way(self)
-
-    @property
-    def radius(self) -> float:
-        """Radius of the marker [px]."""
-        return max(self.forth.radius, self.back.radius)
-
-    @property
-    def begin(self) -> int:
-        """The frame before the stretch."""
-        return self.first - 1
-
-    @property
-    def end(self) -> int:
-        """The frame after it."""
-        return self.last + 1
-
-    def followed(self) -> tuple[Array, Array]:
-        """Places, NaN where the marker is lost [px], and confidence in each frame. Shapes (L, 2), (L,)."""
-        places, sure = np.full_like(self.forth.places, np.nan), np.zeros_like(self.forth.sure)
-        for begin, end in pairwise(sorted({*self.known, *self.hidden, self.begin, self.end})):
-            part = slice(begin - self.begin, end - self.begin + 1)
-            places[part], sure[part] = self._between(begin, end, part)
-        for frame in self.hidden:
-            places[frame - self.begin], sure[frame - self.begin] = np.nan, 0.0
-        return places[1:-1], sure[1:-1]
-
-    def _between(self, begin: int, end: int, part: slice) -> tuple[Array, Array]:
-        """Places and confidence from one stop to the next, by both ways."""
-        forth, back = ((way.places[part].copy(), way.sure[part].copy()) for way in (self.forth, self.back))
-        for (places, sure), at, stop in ((forth, -1, end), (back, 0, begin)):  # where a way arrives
-            if stop in self.known and sure[at] >= DOUBTFUL and contradict(places[at], self.known[stop], self.radius):
-                sure[:] = np.minimum(sure, DOUBT)  # at another marker: nobody knows since when
-        for at, stop in ((0, begin), (-1, end)):
-            for places, sure in (forth, back):
-                places[at], sure[at] = self.known.get(stop, np.nan), stop in self.known
-        one, other = ((places[:, None], sure[:, None]) for places, sure in (forth, back))
-        places, sure = joined(one, other, np.array([self.radius]))
-        return places[:, 0], sure[:, 0]
-
-
-class _Way:
-    """One way through a gap: the marker is picked in each frame in which it is known, and followed from there.
-
-    Attributes:
-        places: Where it led to in each frame, from the one before the gap to the one after it [px]. Shape (L + 2, 2).
-        sure: Confidence. Shape (L + 2,).
-        radius: Of the marker [px]; 0 as long as it wasn't picked.
-    """
-
-    def __init__(self, gap: Gap) -> None:
-        count = gap.end - gap.begin + 1
-        self.places, self.sure, self.radius = np.full((count, 2), np.nan), np.zeros(count), 0.0
-        self._gap = gap
-        self._tracker: FreeTracker | None = None
-
-    def see(self, image: Image, frame: int, clock: float) -> None:
-        """Takes the next picture of the gap on the way, its number in the track, and a time that grows."""
-        at = frame - self._gap.begin
-        if self._tracker is not None:
-            (self.places[at],), (self.sure[at],) = self._tracker.follow(image, clock)
-            self.radius = float(self._tracker.radii[0])
-        if frame in self._gap.hidden:
-            self._tracker = None
-        elif frame in self._gap.known:
-            self._tracker = FreeTracker()
-            try:
-                self._tracker.start(image, self._gap.known[frame][None], clock)
-            except TrackingError:  # nothing can be made out there
-                self._tracker = None
 
 
 def gaps_to_correct(

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from markertrack.both_ways import Seen, both_ways
 from markertrack.corrections import corrected, gaps_to_correct
+from markertrack.gaps import follow_gaps
 from markertrack.overlay import TrackOverlay
 from markertrack.points import Anchor
 from markertrack.quality import DOUBTFUL
@@ -138,13 +139,8 @@ def correct(film: Film, reader: VideoReader, track: MarkerTrack, first: int, anc
         begin, end = min(gap.begin for gap in gaps), max(gap.end for gap in gaps)
         last = first + min(end, track.frame_count - 1)
         back = frames_backwards(film.path, first + max(begin, 0), last, film.threads, film.fps)
-        for frames, forth in ((within(reader, film.span), True), (back, False)):
-            for frame in frames:
-                k = frame.index - first
-                for gap in gaps:
-                    if gap.begin <= k <= gap.end:  # other pictures aren't converted
-                        way, clock = (gap.forth, track.times[k]) if forth else (gap.back, -track.times[k])
-                        way.see(frame.image, k, clock)
+        for frames, ahead in ((within(reader, film.span), True), (back, False)):
+            follow_gaps(gaps, ((frame.index - first, frame) for frame in frames), ahead)
     return corrected(cleaned, gaps)
 
 

@@ -1,9 +1,14 @@
 """Markers that nothing connects: what real films showed, drawn. Each of these was lost or mistaken without flow."""
 
+from collections.abc import Callable
+from dataclasses import dataclass
+
 import numpy as np
 import pytest
-from test_bodies import HEIGHT, MIDDLE, RADIUS, SHEET, WIDTH, errors, followed, silent
+from numpy.typing import NDArray
+from test_bodies import FPS, HEIGHT, MIDDLE, RADIUS, SHEET, WIDTH, errors, silent
 
+from markertrack.both_ways import both_ways
 from markertrack.tracking.colors import OwnColors
 from markertrack.tracking.markers import MarkerTracker
 
@@ -23,6 +28,29 @@ def painted(places, radius, color, ground=150.0, texture=0.0):
         return np.clip(image + noise, 0, 255).astype(np.uint8)
 
     return picture
+
+
+@dataclass
+class Shown:
+    """A frame of a drawn film."""
+
+    index: int
+    picture: Callable[[int], NDArray[np.uint8]]
+    intact: bool = True
+
+    @property
+    def image(self):
+        return self.picture(self.index)
+
+    @property
+    def time(self):
+        return self.index / FPS
+
+
+def seen_both_ways(tracker, picture, picks, frames):
+    """Positions (T, M, 2) and confidence (T, M)."""
+    seen = both_ways(tracker, [Shown(frame, picture) for frame in range(frames)], picks)
+    return tuple(np.array(part) for part in list(zip(*seen, strict=True))[1:])
 
 
 def wandering(frame):
@@ -57,7 +85,7 @@ def test_one_that_was_hidden_for_long_is_found_where_it_alone_can_be(others):
         return wandering(0)[[0]] if frame < 30 else np.array([wandering(0)[0], *away])
 
     picture = painted(shown, lambda k: 7, lambda k: (30, 30, 30), texture=12.0)
-    positions, confidence = followed(MarkerTracker(range(2)), picture, wandering(0), 45)
+    positions, confidence = seen_both_ways(MarkerTracker(range(2)), picture, wandering(0), 45)
     assert (confidence[1:30, 1] < 0.5).all()
     assert (confidence[40:, 1] >= 0.5).all() == (not others)
     assert others or np.hypot(*(positions[-1, 1] - wandering(30)[1])) < 1
@@ -92,7 +120,7 @@ def hidden(truth, frames, markers):
 def tracked(truth, shown, frames, radius=7, texture=0.0):
     """Whether each marker is usable in each frame; no silent error is."""
     picture = painted(shown, lambda k: radius, lambda k: BLACK, texture=texture)
-    found, confidence = followed(MarkerTracker(range(len(truth(0)))), picture, truth(0), frames)
+    found, confidence = seen_both_ways(MarkerTracker(range(len(truth(0)))), picture, truth(0), frames)
     off = np.linalg.norm(found - np.array([truth(frame) for frame in range(frames)]), axis=2)
     assert silent(off, confidence) == []
     return confidence >= 0.5

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
+from markertrack.tracking.spots import DETAIL
 from markertrack.tracking.tracker import Array, Image
 
 LEVELS = 16  # of red, green and blue each, that are told apart
@@ -38,6 +39,22 @@ class OwnColors:
         own = self._own[marker]
         likely = own / np.maximum(own + self._last[1], 1e-12)
         return bool(len(levels)) and float(likely[levels[:, 0], levels[:, 1], levels[:, 2]].mean()) > EVEN
+
+    def peaks(self, image: Image, marker: int, radius: float) -> Array:
+        """Places where a marker's colors are and around which they aren't. Shape (P, 2)."""
+        share = max(1, int(radius / DETAIL))
+        small = cv2.resize(image, None, fx=1 / share, fy=1 / share, interpolation=cv2.INTER_AREA)
+        own, size = self._own[marker], radius / share
+        likely = own / np.maximum(own + _shares(image), 1e-12)
+        levels = small // (256 // LEVELS)
+        likely = likely[levels[..., 0], levels[..., 1], levels[..., 2]]
+        reach = int(1.9 * size + 2)
+        away = np.hypot(*np.mgrid[-reach : reach + 1, -reach : reach + 1])
+        inside, around = away <= size, (away >= 1.3 * size + 1) & (away <= 1.9 * size + 2)
+        clear = cv2.filter2D(likely, -1, inside / inside.sum() - around / around.sum(), borderType=cv2.BORDER_REPLICATE)
+        side = 4 * int(size) + 1  # markers don't overlap
+        rows, columns = np.nonzero((clear == cv2.dilate(clear, np.ones((side, side), np.uint8))) & (clear > EVEN))
+        return share * np.column_stack([columns, rows]).astype(np.float64) + (share - 1) / 2
 
 
 def _disc(image: Image, point: Array, radius: float) -> Image:

@@ -47,6 +47,8 @@ class FreeTracker:
     Attributes:
         radii: Radius of each marker as it is now [px]. Shape (M,).
         reasons: In how many frames each marker was lost or doubtful, by the reason. Shapes (M,).
+        colors: Theirs, as they were when they were last seen without a doubt.
+        looks: Those of markers that are in doubt, likewise, by their index.
     """
 
     def __init__(self, most_far: float = np.inf) -> None:
@@ -70,7 +72,7 @@ class FreeTracker:
             time: Time stamp [s].
         """
         count = len(places)
-        self._looks, self._flow, self._colors = looks, Flow(image), OwnColors(image, places, looks.radii)
+        self._looks, self._flow, self.colors = looks, Flow(image), OwnColors(image, places, looks.radii)
         self._places, self._last, self.radii = places.copy(), places.copy(), looks.radii
         self._steps, self._fastest = np.zeros((count, 2)), np.zeros(count)
         self._doubtful = np.where(certain, 0, 1)  # frames since it was certain
@@ -78,6 +80,7 @@ class FreeTracker:
         self._lost = ~certain  # whether flow didn't carry it on since it was certain
         self._agreed = np.where(certain, AGAIN, 0)  # frames in which it was seen, one after the other
         self._time = time
+        self.looks = {m: looks.of(np.array([m])) for m in np.flatnonzero(~certain).tolist()}
         now = _Known(self._flow.picture, np.where(certain[:, None], places, np.nan))
         self._known = [[now] if one else [] for one in certain]  # the first one and the last
         self.reasons = {reason: np.zeros(count, dtype=np.int64) for reason in REASONS}
@@ -119,11 +122,13 @@ class FreeTracker:
         for marker in np.flatnonzero(sure):
             self._known[marker][1:] = [now]
         self._take(positions, confidence > DOUBT, sure, moves, carried, np.array(image.shape[1::-1]) - 1)
+        for marker in np.flatnonzero(self._doubtful == 1).tolist():  # before they change by looking for it
+            self.looks[marker] = self._looks.of(np.array([marker]))
         certain = np.flatnonzero(sure & (found.chosen >= 0))
         self._looks.learn(image, found.spots, certain, found.chosen[certain], np.zeros((len(certain), 2)))
         self.radii = self._looks.radii
         for marker in certain.tolist():
-            self._colors.learn(image, marker, positions[marker], self.radii[marker])
+            self.colors.learn(image, marker, positions[marker], self.radii[marker])
         return positions, np.where(sure, confidence, np.minimum(confidence, DOUBT))
 
     def _spots(self, image: Image, expected: Array, carried: Mask, moves: Moves) -> _Found:
@@ -202,7 +207,7 @@ class FreeTracker:
             peak, score, only = self._picture(image, m, place, reach)
             own = carried[m] and not self._lost[m] and score > SAME
             own = own and not contradict(peak, place, self.radii[m])
-            if own and self._colors.are_at(image, m, place, self.radii[m]):
+            if own and self.colors.are_at(image, m, place, self.radii[m]):
                 positions[m], confidence[m] = peak if self.radii[m] < SMALL else place, RIGHT
                 if score < SURELY:
                     self._looks.learn_picture(image, m, place)

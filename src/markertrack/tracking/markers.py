@@ -59,6 +59,13 @@ class MarkerTracker:
             out[of] = tracker.radii
         return out
 
+    def free(self, marker: int) -> tuple[FreeTracker, int] | None:
+        """What follows a marker that nothing connects with others, and its number there."""
+        for tracker, of in reversed(self._parts):  # those that a soft body was left to come last
+            if isinstance(tracker, FreeTracker) and marker in of:
+                return tracker, of.tolist().index(marker)
+        return None
+
     def start(self, image: Image, points: Array, time: float) -> tuple[Array, Array]:
         """Learns what the markers look like and how they lie on their bodies."""
         positions, confidence = points.copy(), np.ones(self._count)
