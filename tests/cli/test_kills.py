@@ -6,6 +6,7 @@ What comes out is what an uninterrupted run gives, but for fields of time, and n
 import json
 import os
 import random
+import re
 import shutil
 import signal
 import subprocess
@@ -47,7 +48,9 @@ def working(mark: str) -> list[int]:
 
 
 def timeless(content):
-    """JSON without its fields of time."""
+    """JSON without its fields of time, and sentences without the time that is left."""
+    if isinstance(content, str):
+        return re.sub("about .* more at this pace", "", content)
     if isinstance(content, dict):
         return {key: timeless(value) for key, value in content.items() if key not in OF_TIME}
     return [timeless(value) for value in content] if isinstance(content, list) else content
