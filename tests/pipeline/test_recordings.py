@@ -68,7 +68,9 @@ def test_hidden_parameters_are_recovered(tmp_path, seed):
 @pytest.mark.parametrize("seed", [0, 1])
 def test_hidden_parameters_are_recovered_where_the_start_is_unknown(tmp_path, seed):
     """Two recordings of a double pendulum that begin in motion, with half a millimeter of noise."""
-    calibrate(pendulum_reference(5e-4), PENDULUM, settings("least-squares", 60, horizon=1.0, seed=seed), tmp_path)
+    calibrate(
+        pendulum_reference(5e-4), PENDULUM, settings("least-squares", 60, horizon=1.0, seed=seed), tmp_path / "run"
+    )
     found = read_parameters(tmp_path / "run", PENDULUM.name, PENDULUM.space).values
     assert found == pytest.approx(PENDULUM_HIDDEN, rel=0.02)
 
