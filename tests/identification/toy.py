@@ -53,7 +53,7 @@ def make_run(reference: TrialSet, out: Path, budget: int | None = 3, seed: int =
         folder.begin(replace(settings_of(problem, reference, budget=budget, seed=seed), reference="the toy's"))
         first, rng = SPACE.to_cube(start), streams(seed)[1]
         optimizer = MultiStart([first], rng) if budget is None else RandomSearch(len(SPACE), rng, first)
-        best, ending = minimize(problem, SPACE, optimizer, budget, folder)
+        best, search = minimize(problem, SPACE, optimizer, budget, folder)
         if budget is None:
-            conclude(folder, problem, None, best.values, ending=ending)
+            conclude(folder, problem, None, best.values, search=search)
     return folder

@@ -222,6 +222,7 @@ def test_a_browser_shows_every_chart(run: Run, drawn: None, tmp_path: Path, dark
         page,
         tmp_path / "page.html",
         """const red = document.querySelector('svg path[style*="stroke: var(--real)"]');
+        document.querySelectorAll("details").forEach((one) => one.open = true);
         return [getComputedStyle(red).stroke,
                 [...document.querySelectorAll(".plot svg")].map((one) => one.clientHeight),
                 document.documentElement.scrollWidth, innerWidth];""",
