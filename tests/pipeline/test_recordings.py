@@ -79,10 +79,9 @@ def test_hidden_parameters_are_recovered_where_the_start_is_unknown(tmp_path, se
 def test_a_film_of_what_the_robot_cannot_do_ends_by_saying_so_and_what_is_worst(tmp_path):
     reference = pendulum_reference(5e-4)
     first, second = reference
-    middle = second.track.positions.mean(axis=0)
-    wider = MarkerTrack(second.track.times, middle + 1.6 * (second.track.positions - middle))
+    hasty = MarkerTrack(second.track.times / 2, second.track.positions)
     calibrate(
-        TrialSet((first, replace(second, track=wider)), reference.marker_names), PENDULUM,
+        TrialSet((first, replace(second, track=hasty)), reference.marker_names), PENDULUM,
         CalibrationSettings(threads=2, horizon=1.0), tmp_path / "run",
     )  # fmt: skip
     outcome = RunFolder(tmp_path / "run").outcome()
