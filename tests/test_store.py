@@ -12,6 +12,7 @@ from swim2real.calibration import RunFolder
 from swim2real.comparison.compare import _WRITTEN as OF_COMPARISONS
 from swimbase import store
 from swimbase.errors import RunError
+from swimbase.parsing import from_json
 
 
 @pytest.fixture
@@ -175,7 +176,7 @@ def test_a_record_that_is_a_link_or_too_large_is_left_alone(tmp_path):
 
 def test_a_name_with_two_values_in_an_object_is_refused():
     with pytest.raises(ValueError, match="'drag' stands there twice"):
-        store.from_json('{"format": 1, "parameters": {"drag": 1.0, "mass": 2.0, "drag": 3.0}}')
+        from_json('{"format": 1, "parameters": {"drag": 1.0, "mass": 2.0, "drag": 3.0}}')
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="its folders can't be made read-only")

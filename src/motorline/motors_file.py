@@ -13,7 +13,8 @@ from motorline import control_table as ct
 from motorline.commands import ACCELERATION, FISH, XW540_T140, CommandTable, MotorLimits, is_speed, split_column
 from motorline.control_table import MODELS, POSITION_UNIT, XW540, Model, MotorError, Register
 from swimbase.errors import ArgumentError
-from swimbase.store import MOST_TEXT, from_toml, read_bytes
+from swimbase.parsing import from_toml
+from swimbase.store import MOST_TEXT, read_bytes
 
 _KEYS = ("id", "model", "direction", "zero", "lowest", "highest", "speed", "acceleration")
 _ANGLE_KEYS = ("zero", "lowest", "highest")

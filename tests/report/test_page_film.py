@@ -106,7 +106,8 @@ def test_on_a_phone_it_is_below_ten_screens_with_the_rounds_folded(finished: Run
         const loaded = new Promise((done) => frame.addEventListener("load", done));
         document.body.append(frame); await loaded;
         const page = frame.contentDocument.documentElement;
-        return [page.scrollHeight, page.scrollWidth, frame.contentDocument.querySelectorAll("#rounds > details[open]").length];""",
+        const open = frame.contentDocument.querySelectorAll("#rounds > details[open]");
+        return [page.scrollHeight, page.scrollWidth, open.length];""",
     )
     assert height < 10 * 844
     assert wide <= 390

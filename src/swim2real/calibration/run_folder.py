@@ -16,6 +16,7 @@ from swim2real.parameters.file import BEST
 from swimbase import store
 from swimbase.checking import check, shown
 from swimbase.errors import ArgumentError, RunError
+from swimbase.parsing import from_json
 
 SETTINGS, RECORD, OUTCOME, TRIALS = "settings.json", "record.jsonl", "outcome.json", "trials.npz"
 # what is written only by the process that has the run
@@ -138,7 +139,7 @@ class RunFolder:
         for number, line in enumerate(lines, start=1):
             where = f"{path}, line {number}"
             try:
-                content = store.from_json(line)
+                content = from_json(line)
             except ValueError as error:
                 raise RunError(f"{where} is damaged ({error}); {self.RESTORE}") from error
             entry = check(RecordedEvaluation, content, where, RunError, self.RESTORE)

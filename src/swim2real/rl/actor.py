@@ -15,7 +15,8 @@ from pydantic import BaseModel
 
 from swimbase.arrays import Array
 from swimbase.errors import RunError
-from swimbase.store import from_json, read_arrays, write_arrays
+from swimbase.parsing import from_json
+from swimbase.store import read_arrays, write_arrays
 
 if TYPE_CHECKING:
     from stable_baselines3 import SAC

@@ -21,6 +21,7 @@ from swim2real.robots.schema import hook_file
 from swimbase import store
 from swimbase.checking import Number, PathText, check, read, shown
 from swimbase.errors import ArgumentError, RunError
+from swimbase.parsing import from_json
 
 SETTINGS, OUTCOME = "settings.json", "outcome.json"
 EPISODES, EVALUATIONS, PROGRESS = "episodes.jsonl", "evaluations.jsonl", "progress.jsonl"
@@ -270,7 +271,7 @@ def read_record(path: Path) -> list[dict[str, Any]]:
         RunError: A line isn't JSON, or lacks a number that is drawn.
     """
     try:
-        lines = [store.from_json(line) for line in store.read_lines(path)]
+        lines = [from_json(line) for line in store.read_lines(path)]
     except ValueError as error:
         raise RunError(f"record '{path}' is damaged: {error}") from error
     for number, line in enumerate(lines, start=1):

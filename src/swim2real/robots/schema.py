@@ -54,7 +54,8 @@ from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Dis
 from swim2real.robots.named_code import FORMS, PREFIX, NamedCode
 from swimbase.checking import Label
 from swimbase.errors import RobotError
-from swimbase.store import MOST_TEXT, from_toml, read_bytes
+from swimbase.parsing import from_toml
+from swimbase.store import MOST_TEXT, read_bytes
 
 FORMAT = 1
 

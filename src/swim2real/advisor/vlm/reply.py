@@ -19,7 +19,7 @@ from swim2real.parameters import ParameterSpace, Values
 from swim2real.parameters.space import unknown_name
 from swimbase.checking import explained, shown
 from swimbase.errors import AdvisorError
-from swimbase.store import named_once
+from swimbase.parsing import named_once
 
 SOLVED = "solved"  # what a reply may take: the last step that was solved in its turn
 SAME = 1e-3  # relative: a value that is repeated as it was shown, rounded, is no change
