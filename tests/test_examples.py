@@ -55,9 +55,9 @@ def replayed(run: Path, shared: Path, tmp_path: Path, **more) -> tuple[list[dict
 
 
 def check_same(shipped: list[dict], again: list[dict]) -> None:
-    """The same steps, and the same losses but for the last digits, in which processors differ."""
+    """The same steps, and the same losses but for what versions of the steady cycle and processors differ in."""
     assert [entry["point"] for entry in again] == [entry["point"] for entry in shipped]
-    assert [entry["loss"] for entry in again] == pytest.approx([entry["loss"] for entry in shipped], rel=1e-3)
+    assert [entry["loss"] for entry in again] == pytest.approx([entry["loss"] for entry in shipped], rel=1e-2)
     told = [[entry["note"].get(key) for key in ("round", "step_size", "proposal")] for entry in again]
     assert told == [[entry["note"].get(key) for key in ("round", "step_size", "proposal")] for entry in shipped]
 

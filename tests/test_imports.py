@@ -46,7 +46,7 @@ def test_rooms_without_a_camera_or_an_engine_need_none(modules, library):
     "swim2real.pipeline", "swim2real.demo",
     "swim2real.comparison, swim2real.report, swim2real.advisor",
     "swim2real.cli.subject, swim2real.cli.progress",
-    "markertrack.video, pool, markertrack.overlay",
+    "markertrack.video, markertrack.overlay",
     "swim2real.cli.robot_check, swim2real.cli.tables",
 ])  # fmt: skip
 def test_without_extras_it_can_be_imported(modules):
