@@ -123,7 +123,7 @@ def test_it_is_done_when_ends_agree_or_another_start_would_hardly_pay():
     agreed = MultiStart([MIDDLE, np.full(D, 0.2)], streams(0)[1])
     assert agreed.left > 1
     driven_until_done(agreed, lambda one: 0.01)
-    assert (agreed.conclusion, agreed.gave_up) == ("3 of 3 starts agree", False)
+    assert (agreed.conclusion, agreed.gave_up) == ("5 of 5 starts agree", False)
     apart = MultiStart([MIDDLE], streams(0)[1])
     driven_until_done(apart, lambda one: 0.01 + 0.005 * (7 * one.note.get("start", 1) % 11))
     assert 4 <= len(apart.ends) <= 12
