@@ -29,6 +29,23 @@ STEP = """async i => {   // one step of a slider: until its answer has come, and
   await new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)));
   return performance.now() - begun;
 }"""
+DRAG = """async seconds => {   // pictures a second while a slider is dragged
+  const slider = document.querySelector("#sliders input"), { fetch } = window, from = +slider.value;
+  let answers = 0;
+  window.fetch = async (...asked) => {
+    const answer = await fetch(...asked);
+    if (String(asked[0]).includes("simulate") && asked[1].body.includes('"trial"')) answers++;
+    return answer;
+  };
+  const begun = performance.now();
+  for (; performance.now() - begun < 1e3 * seconds; await new Promise(requestAnimationFrame)) {
+    slider.value = from + 0.1 * Math.sin(performance.now() / 500);
+    slider.dispatchEvent(new Event("input"));
+  }
+  window.fetch = fetch;
+  slider.dispatchEvent(new Event("change"));
+  return answers / seconds;
+}"""
 PLAY = """async seconds => {   // frames shown, and pictures of the screen, per second
   const at = document.querySelector("#at"), play = document.querySelector("#play"), seen = [];
   play.click();
@@ -86,6 +103,8 @@ def measure(page: Page, server: int) -> None:
             steps = [page.evaluate(STEP, i) for i in range(20)]
             used = [(b - a) / 20 for a, b in zip(before, both(), strict=True)]
             told(f"trial {k}, a slider's step: median {statistics.median(steps):.0f} ms", *used)
+            print(f"trial {k}, dragged: {page.evaluate(DRAG, 4):.1f} pictures a second")
+            time.sleep(2)
             played(f"trial {k}")
         page.click("#tofilm")
         time.sleep(3)

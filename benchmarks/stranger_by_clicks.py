@@ -15,7 +15,6 @@ import mujoco
 import numpy as np
 from lattice_camera import write
 from lattice_truth import Body, Box, Camera, Scene, planned
-from live_page import opened
 
 SNAKE = Path(__file__).parents[1] / "examples/snake/snake.xml"
 FREQUENCIES, SECONDS, SCALE, PACE = (0.8, 1.2, 1.7), 3.2, 900.0, 1.0  # Hz, s, px/m, s a click
@@ -73,40 +72,47 @@ def film(model, frequency, folder):
     return made.path.name, made.places[0]
 
 
-def main(folder):
+def made(folder):
+    """Films, tables and a robot file in a new folder; the places of the markers by film [px]."""
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
     lines = SNAKE.read_text().splitlines(keepends=True)
     (folder / "snake.xml").write_text("".join(line for line in lines if f'"{LAST}"' not in line))
     films = dict(film(folder / "snake.xml", frequency, folder) for frequency in FREQUENCIES)
     subprocess.run([sys.executable, "-m", "swim2real", "init", folder / "snake.xml"], check=True)
+    return films
+
+
+def clicked(page, films, pace):
+    """Films clicked and tracked, and a search from the robot's own values until it ends; pace is of clicks [s]."""
     rng, begun = np.random.default_rng(0), time.monotonic()
 
     def told(what):
         print(f"{time.monotonic() - begun:6.1f} s  {what}: {' '.join(page.inner_text('#job').split())}", flush=True)
 
-    def ends(words):
-        page.locator(f"#said:has-text('{words}')").wait_for(timeout=900_000)
-
-    with opened(str(folder)) as (page, _):
-        for name, places in films.items():
-            page.select_option("#film", name)
-            page.locator("#status:has-text('Click nose')").wait_for()
-            left, top, *size = page.locator("#stage canvas[tabindex]").bounding_box().values()
-            scale = 0.98 * min(size[0] / 960, size[1] / 540)
-            for place in places + HAND * rng.standard_normal(places.shape):
-                offset = (place + 0.5 - [480, 270]) * scale
-                page.mouse.click(left + size[0] / 2 + offset[0], top + size[1] / 2 + offset[1])
-                time.sleep(PACE)
-            page.click("#track")
-            page.locator("#track:has-text('Track again')").wait_for()
-            told(name)
-        page.click("#tofit")
-        page.locator("#trials output:has-text('mm')").first.wait_for()
-        page.click("#search")
-        ends("run fit-1:")
-        told("search")
+    for name, places in films.items():
+        page.select_option("#film", name)
+        page.locator("#status:has-text('Click nose')").wait_for()
+        left, top, *size = page.locator("#stage canvas[tabindex]").bounding_box().values()
+        scale = 0.98 * min(size[0] / 960, size[1] / 540)
+        for place in places + HAND * rng.standard_normal(places.shape):
+            offset = (place + 0.5 - [480, 270]) * scale
+            page.mouse.click(left + size[0] / 2 + offset[0], top + size[1] / 2 + offset[1])
+            time.sleep(pace)
+        page.click("#track")
+        page.locator("#track:has-text('Track again')").wait_for()
+        told(name)
+    page.click("#tofit")
+    page.locator("#trials output:has-text('mm')").first.wait_for()
+    page.click("#search")
+    page.locator("#said:has-text('run fit-1:')").wait_for(timeout=900_000)
+    told("search")
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1] if len(sys.argv) > 1 else "stranger"))
+    from live_page import opened
+
+    place = Path(sys.argv[1] if len(sys.argv) > 1 else "stranger")
+    there = made(place)
+    with opened(str(place)) as (page, _):
+        clicked(page, there, PACE)

@@ -393,4 +393,3 @@ const items = () => names.map((name, i) => {
   return item;
 });
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => { drawn = {}; draw(); });
-addEventListener("beforeunload", event => { if (!saved && points.some(p => p)) event.preventDefault(); });

@@ -4,9 +4,10 @@ import asyncio
 import base64
 import http.client
 import json
+import socket
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -104,3 +105,52 @@ def serving(folder: Path) -> Iterator[Served]:
     finally:
         loop.call_soon_threadsafe(task.cancel)
         thread.join(30)
+
+
+class Tunnel:
+    """The near end of a tunnel to a port of this machine.
+
+    Attributes:
+        to: The port.
+        port: Where it listens.
+        state: `open`; `cut`: what is open ends and nobody is let in; `silent`: nothing comes through any more.
+    """
+
+    def __init__(self, to: int) -> None:
+        self.state, self.to = "open", to
+        self._near = socket.create_server(("127.0.0.1", 0))
+        self.port = self._near.getsockname()[1]
+
+    def __enter__(self) -> "Tunnel":
+        threading.Thread(target=self._listen, daemon=True).start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.state = "cut"
+        self._near.close()
+
+    def _listen(self) -> None:
+        with suppress(OSError):
+            while True:
+                near, _ = self._near.accept()
+                if self.state == "cut":
+                    near.close()
+                    continue
+                far = socket.create_connection(("127.0.0.1", self.to))
+                for one, other in ((near, far), (far, near)):
+                    threading.Thread(target=self._carry, args=(one, other), daemon=True).start()
+
+    def _carry(self, one: socket.socket, other: socket.socket) -> None:
+        one.settimeout(0.1)
+        with suppress(OSError), one, other:
+            lost = False
+            while self.state != "cut":
+                try:
+                    content = one.recv(1 << 16)
+                except TimeoutError:
+                    continue
+                if not content:
+                    break
+                lost |= self.state == "silent"
+                if not lost:  # what has lost something stays silent
+                    other.sendall(content)

@@ -92,7 +92,8 @@ def test_nothing_outside_of_the_folder_is_read(served, films, name):
     fits = [{"reference": name, "robot": "fish"}, {"reference": ".", "robot": f"{name}.toml"},
             {"reference": ".", "robot": "fish", "run": name}]  # fmt: skip
     bodies = [("fit", one) for one in fits] + [(call, {**one, **values}) for one in fits for call in ("search", "keep")]
-    bodies += [("mark", {"film": name, "kind": "points", "content": {}}), ("work", {"kind": "report", "run": name})]
+    bodies += [("fit", {"reference": ".", "robot": "fish", "begin": name}), ("work", {"kind": "report", "run": name})]
+    bodies += [("mark", {"film": name, "robot": "fish", "kind": "points", "frame": 0, "put": {}})]
     for call, content in bodies:
         assert served.ask("POST", f"/api/{call}", json.dumps(content).encode())[0] == 400
     assert sorted(path.name for path in films.parent.iterdir() if path.suffix not in (".json", ".mp4")) == ["pool"]
@@ -110,7 +111,7 @@ def test_links_inside_of_the_folders_lead_nowhere(served, films):
     fit = {"reference": "trials", "robot": "fish"}
     status, body = served.ask("POST", "/api/fit", json.dumps(fit).encode())
     assert (status, b"isn't in the folder" in body, b'secret"' in body) == (400, True, False)
-    status, body = served.ask("GET", "/api/film?film=link2.mp4&robot=fish")
+    status, body = served.ask("GET", "/api/marks?film=link2.mp4&robot=fish&kind=points")
     assert (status, b"is a link" in body) == (400, True)
     (films / "link2.mp4").unlink()
     project = served.call("project")

@@ -2,6 +2,7 @@
 
 import io
 import json
+import re
 import shutil
 import time
 from types import SimpleNamespace
@@ -65,23 +66,34 @@ def test_the_browsers_player_gets_the_parts_of_the_film_that_it_asks_for(served)
     assert served.ask("GET", address, Range=f"bytes={len(content)}-")[0] == 416
 
 
+def marks(served, kind="points"):
+    return dict(served.call("marks", query=f"{QUERY}&kind={kind}"))
+
+
 def test_points_are_saved_as_track_takes_them(served, films):
     about = served.call("film", query=QUERY)
     assert (about["width"], about["height"], about["frames"], about["track"]) == (1280, 720, 241, None)
     path = films / "f0_50.points.json"
     before = path.read_bytes()
+    assert marks(served) == {0: json.loads(before)["markers"]}
     markers = {name: [100.0 + 40 * m, 300.5] for m, name in enumerate(about["names"])}
-    content = {"format": 1, "video": FILM, "width": 1280, "height": 720, "frame": 3, "markers": markers}
-    served.call("mark", {"film": FILM, "kind": "points", "content": content})
+    asked = {"film": FILM, "robot": "fish", "kind": "points", "frame": 3}
+    served.call("mark", {**asked, "put": markers})  # of another frame: they are new
     anchor = load_points(path, about["names"], 1280, 720)
     assert anchor.frame == 3
     np.testing.assert_array_equal(anchor.points, list(markers.values()))
-    for wrong in ({"markers": {"M0": ["x", 1]}}, {"markers": []}, {"other": 1}):
-        assert "points" in refused(served, "mark", {"film": FILM, "kind": "points", "content": wrong})
-    assert load_points(path, about["names"], 1280, 720).frame == 3
-    path.write_text(json.dumps({**content, "markers": {"snout": [1, 2]}}))
-    status, answer = served.ask("GET", f"/api/film{QUERY}")
-    assert (status, b"snout, which robot 'fish' doesn't have" in answer) == (400, True)
+    saves = served.call("job")["saves"]
+    served.call("mark", {**asked, "put": {"M2": [1.0, 2.0]}, "drop": ["M5"]})
+    assert served.call("job")["saves"] == saves + 1
+    assert marks(served) == {3: {name: at for name, at in {**markers, "M2": [1.0, 2.0]}.items() if name != "M5"}}
+    for wrong in ({"M0": ["x", 1]}, [], {"M0": [1, 2, 3]}):
+        assert re.match("call 'mark': |points: ", refused(served, "mark", {**asked, "put": wrong}))
+    assert len(marks(served)[3]) == 8
+    path.write_text(json.dumps([[float(m), 1.0] for m in range(9)]))  # a plain list, as `track` takes it
+    served.call("mark", {**asked, "frame": 0, "put": {"M2": [7.0, 2.0]}})
+    assert (marks(served)[0]["M2"], marks(served)[0]["M8"]) == ([7, 2], [8, 1])
+    path.write_text(json.dumps({"markers": {"snout": [1, 2]}}))
+    assert "snout, which robot 'fish' doesn't have" in refused(served, "mark", {**asked, "put": markers})
     path.write_bytes(before)
 
 
@@ -159,17 +171,14 @@ def test_a_track_and_its_corrections(served, films, tracked):
     track = served.call("film", query=TRACKED)["track"]
     assert (track["first"], track["frames"]) == (0, 241)
     place = unpacked(track["positions"], 241, 9)[100, 4].round(1).tolist()
-    content = {
-        "format": 1,
-        "video": FILM,
-        "width": 1280,
-        "height": 720,
-        "frames": [{"frame": 100, "markers": {"M4": place}}],
-    }
-    served.call("mark", {"film": FILM, "kind": "corrections", "content": content})
+    asked = {"film": FILM, "robot": "fish", "kind": "corrections"}
+    served.call("mark", {**asked, "frame": 100, "put": {"M4": place, "M5": None}})
+    served.call("mark", {**asked, "frame": 90, "put": {"M5": None}})
+    served.call("mark", {**asked, "frame": 90, "put": {}, "drop": ["M5"]})
+    served.call("mark", {**asked, "frame": 100, "put": {}, "drop": ["M5"]})
     served.call("track", {"film": FILM, "robot": "fish"})
     assert "241 frames" in served.ended()["said"]
-    assert served.call("film", query=TRACKED)["corrections"]["frames"][0]["markers"] == {"M4": place}
+    assert marks(served, "corrections") == {100: {"M4": place}}
 
 
 @pytest.mark.slow
@@ -180,8 +189,8 @@ def test_a_midline_is_followed_from_two_clicks(tmp_path):
     with serving(tmp_path) as server:
         assert server.call("film", query=f"{query}&midline=true")["names"] == ["M0", "M8"]
         markers = dict(zip(("M0", "M8"), swimmer.midline(0)[[0, -1]].tolist(), strict=True))
-        content = {"format": 1, "video": "f2_00.mp4", "width": 480, "height": 320, "frame": 0, "markers": markers}
-        server.call("mark", {"film": "f2_00.mp4", "kind": "points", "content": content})
+        asked = {"film": "f2_00.mp4", "robot": "fish", "kind": "points", "frame": 0}
+        server.call("mark", {**asked, "put": markers})
         server.call("track", {"film": "f2_00.mp4", "robot": "fish", "midline": True})
         number, places = seen_live(server)
         assert "60 frames" in server.ended()["said"]
@@ -243,7 +252,17 @@ def test_a_search_is_a_run_that_the_commands_take(served, films, tracked):
         served.call("work", {"kind": kind, "run": "fit-1"})
         assert "is written" in served.ended()["said"]
         assert (films / "fit-1" / file).is_file()
-    assert served.call("fit", {**FIT, "run": "fit-1"})["values"] == run.values
+    about = served.call("fit", {**FIT, "run": "fit-1", "begin": "fit-1"})
+    assert about["values"] == run.values
+    left = {**run.values, "fluid_kutta_lift": 2.0}
+    served.call("keep", {**FIT, "run": "fit-1", "values": left, "held": ["f0_50"], "left": True})
+    assert "values-1.json is written" in served.call("keep", {**FIT, "values": left})["said"]
+    *_, run_, sliders, kept = served.call("project")["runs"]
+    assert (run_["path"], run_["run"]) == ("fit-1", "fit-1")
+    assert (sliders["path"], sliders["run"], sliders["reference"]) == ("sliders.json", "fit-1", "reference")
+    assert (kept["path"], kept["run"], kept["robot"], kept["usable"]) == ("values-1.json", None, "fish", True)
+    about = served.call("fit", {**FIT, "run": "fit-1", "begin": "sliders.json"})
+    assert (about["values"], about["held"]) == (left, ["f0_50"])
     served.call("ask", {**FIT, "values": run.values})
     assert FISH.space.check(served.ended()["values"])
 

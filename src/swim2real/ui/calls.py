@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import threading
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -20,15 +21,17 @@ from swim2real.report import write_report
 from swim2real.report.pages import inline_svg
 from swim2real.report.run import read_run
 from swim2real.report.run_charts import speeds
+from swim2real.robots import ROBOTS
 from swim2real.trials import load_reference
 from swim2real.ui.fit import Fit, camera_of, resumed
 from swim2real.ui.jobs import Job, JobNow
-from swim2real.ui.marking import about_film, save, track
-from swim2real.ui.project import Project
+from swim2real.ui.marking import about_film, clicked, mark, track
+from swim2real.ui.project import KEPT, LEFT, Project
 from swimbase.checking import Number, PathText
 from swimbase.errors import ArgumentError
 
 Call = Callable[[Project, Any], object]
+_MOST_FITS, _OPENING = 3, threading.Lock()  # fits that are open, of several pages
 
 
 @dataclass(frozen=True)
@@ -58,11 +61,19 @@ class _OfRobot(_OfFilm):
     midline: bool = False
 
 
-class _Clicked(_OfFilm):
-    """What was clicked in a film."""
+class _OfMarks(_OfFilm):
+    """What was clicked in a film with a robot."""
 
+    robot: PathText
     kind: Literal["points", "corrections"]
-    content: dict[str, Any]
+
+
+class _Marked(_OfMarks):
+    """Places that were clicked in a frame, by name, and those that were taken away."""
+
+    frame: int = Field(ge=0)
+    put: dict[str, list[Number] | None]
+    drop: tuple[str, ...] = ()
 
 
 class _OfFrame(_OfFilm):
@@ -73,11 +84,17 @@ class _OfFrame(_OfFilm):
 
 
 class _OfFit(BaseModel, extra="forbid"):
-    """Trials and a robot; with a run, its values and its settings."""
+    """Trials and a robot; with a run, its settings."""
 
     reference: PathText
     robot: PathText
     run: PathText | None = None
+
+
+class _Begun(_OfFit):
+    """A fit, and the run or file whose values it begins with."""
+
+    begin: PathText | None = None
 
 
 class _OfTrial(_OfFit):
@@ -111,6 +128,12 @@ class _Held(_OfValues):
     held: tuple[str, ...] = ()
 
 
+class _Kept(_Held):
+    """Values that are to be found again: under a new name, or as the hand left them."""
+
+    left: bool = False
+
+
 def _frame(project: Project, asked: _OfFrame) -> Picture:
     film = project.place(asked.film)
     if asked.early:
@@ -120,13 +143,18 @@ def _frame(project: Project, asked: _OfFrame) -> Picture:
 
 def _fit(project: Project, asked: _OfFit) -> Fit:
     folder, run = project.place(asked.reference), None if asked.run is None else project.place(asked.run)
-    stamp = max((file.stat().st_mtime_ns for file in folder.glob("*.*")), default=0)
+    files = [*folder.glob("*.*"), *([] if asked.robot in ROBOTS else [project.place(asked.robot)])]
+    stamp = max((file.stat().st_mtime_ns for file in files if file.is_file()), default=0)
     key = (folder, asked.robot, run, stamp)
-    if project.fit is None or project.fit[0] != key:
-        for one in filter(None, (asked.reference, asked.run)):
-            project.folder(one)
-        project.fit = key, Fit(folder, project.robot(asked.robot), run, project.root, project.films)
-    return project.fit[1]
+    with _OPENING:
+        if key not in project.fits:
+            for one in filter(None, (asked.reference, asked.run)):
+                project.folder(one)
+            project.fits[key] = Fit(folder, project.robot(asked.robot), run, project.root, project.films)
+            while len(project.fits) > _MOST_FITS:
+                project.fits.popitem(last=False)
+        project.fits.move_to_end(key)
+        return project.fits[key]
 
 
 def _scene(project: Project, asked: _OfTrial) -> dict[str, object]:
@@ -140,10 +168,22 @@ def _search(project: Project, asked: _Held) -> JobNow:
     return project.jobs.start("search", title, lambda job: fit.search(asked.values, asked.held, out, job))
 
 
-def _keep(project: Project, asked: _OfValues) -> dict[str, str]:
-    fit, path = _fit(project, asked), _new(project, "values-{}.json")
-    write_fit(path, fit.problem, fit.robot.space.check(asked.values))
-    return {"said": f"{path.name} is written: evaluate, view and --first take it"}
+def _keep(project: Project, asked: _Kept) -> dict[str, str]:
+    fit = _fit(project, asked)
+    with project.lock:  # of two pages each has a name of its own
+        path = project.root / LEFT if asked.left else _new(project, KEPT)
+        chosen = {"reference": asked.reference, "run": asked.run, "held": asked.held}
+        write_fit(path, fit.problem, fit.robot.space.check(asked.values), **chosen)
+        project.saves += 1
+    return {"said": f"{path.name} is written: this page, evaluate, view and --first take it"}
+
+
+def _mark(project: Project, asked: _Marked) -> None:
+    film, robot = project.place(asked.film), project.robot(asked.robot)
+    about = project.films.opened(film)
+    with project.lock:  # two pages may change the same file
+        mark(film, (about.width, about.height), robot, asked.kind, asked.frame, asked.put, asked.drop)
+        project.saves += 1
 
 
 def _track(project: Project, asked: _OfRobot) -> JobNow:
@@ -199,13 +239,16 @@ def _speeds(project: Project, asked: _OfRun) -> dict[str, str]:
 
 CALLS: dict[str, tuple[type[BaseModel], Call]] = {
     "GET project": (_Nothing, lambda project, asked: {**vars(project.content()), "job": project.jobs.now()}),
-    "GET job": (_Nothing, lambda project, asked: project.jobs.now()),
+    "GET job": (_Nothing, lambda project, asked: {**vars(project.jobs.now()), "saves": project.saves}),
     "POST stop": (_Nothing, lambda project, asked: project.jobs.stop()),
     "GET film": (_OfRobot, lambda project, asked: about_film(project, **vars(asked))),
-    "POST mark": (_Clicked, lambda project, asked: save(project.place(asked.film), asked.kind, asked.content)),
+    "GET marks": (_OfMarks, lambda project, asked: list(
+        clicked(project.place(asked.film), project.robot(asked.robot), asked.kind).items())),
+    "POST mark": (_Marked, _mark),
     "POST track": (_OfRobot, _track), "POST work": (_Work, _work), "GET frame": (_OfFrame, _frame),
-    "POST fit": (_OfFit, lambda project, asked: _fit(project, asked).about()), "POST scene": (_OfTrial, _scene),
+    "POST fit": (_Begun, lambda project, asked: _fit(project, asked).about(
+        None if asked.begin is None else project.place(asked.begin))), "POST scene": (_OfTrial, _scene),
     "POST simulate": (_OfValues, lambda project, asked: _fit(project, asked).simulated(asked.values, asked.trial)),
-    "POST search": (_Held, _search), "POST keep": (_OfValues, _keep), "POST ask": (_OfValues, _ask),
+    "POST search": (_Held, _search), "POST keep": (_Kept, _keep), "POST ask": (_OfValues, _ask),
     "GET speeds": (_OfRun, _speeds),
 }  # fmt: skip

@@ -15,7 +15,10 @@ function under(put) {
     context.stroke();
   }
 }
-const fitted = () => ({ reference: get("reference").value, robot: get("robot").value, run: get("from").value || null });
+let posed = {};   // what the sliders are of
+const fitted = () => ({ reference: get("reference").value, robot: get("robot").value, run: chosenRun().run ?? null });
+let left = true;   // whether the sliders can be found again as they stand
+const leave = () => { left = true; outbox = outbox.filter(([name]) => name !== "keep"); return post("keep", { ...posed, values, held: held(), left }); };
 async function simulate() {
   again = true;
   if (busy) return;
@@ -26,17 +29,17 @@ async function simulate() {
       again = false;
       if (shown?.trial !== trial) await stage();
       if (filming) break;
-      const answer = await call("simulate", { ...fitted(), values, trial });
+      const answer = await call("simulate", { ...posed, values, trial });
       if (shown?.trial in answer.errors) simulated = unpacked(answer.simulated);
       errors(answer);
       if (get("note").textContent.startsWith("Simulating")) get("note").textContent = shown?.note ?? "";
       if (!filming) draw();
     }
-    rest = setTimeout(tried(async () => { if (!busy) errors(await call("simulate", { ...fitted(), values })); }), 300);
+    rest = setTimeout(tried(async () => { if (!left) leave(); if (!busy) errors(await call("simulate", { ...posed, values })); }), 300);
   } finally { busy = false; clearTimeout(slow); }
 }
 async function stage() {  // what the trial is drawn on
-  const scene = await call("scene", { ...fitted(), trial });
+  const scene = await call("scene", { ...posed, trial });
   if (filming) return;   // the person has turned to the films meanwhile
   scene.real = unpacked(scene.real); simulated = [];
   const last = scene.real.length / (2 * scene.markers) - 1, [width, height] = scene.size;
@@ -85,7 +88,7 @@ function slider(p) {
   p.input = Object.assign(document.createElement("input"), { type: "range", min: 0, max: 1, step: 0.002, name: p.name });
   p.input.oninput = tried(() => {
     if (!dragging) past.push({ ...values });
-    dragging = true;
+    dragging = true; left = false;
     values[p.name] = here(p, +p.input.value);
     p.output.textContent = digits(values[p.name]);
     return simulate();
@@ -101,12 +104,13 @@ function card(name, isHeld) {  // of a trial: its small picture, its error, and 
   button.innerHTML = `<svg viewBox="0 0 128 56" aria-hidden="true"><path class="real"/><path class="simulated"/></svg><b>${safe(name)}</b> <output></output>`;
   button.onclick = tried(() => choose(name));
   label.title = "No search sees this trial: its error is a test";
-  label.append(Object.assign(document.createElement("input"), { type: "checkbox", value: name, checked: isHeld }), " hold out");
+  label.append(Object.assign(document.createElement("input"), { type: "checkbox", value: name, checked: isHeld, onchange: leave }), " hold out");
   item.append(button, label);
   return item;
 }
 async function sliders(begin) {  // with what a study of the run has found
-  const about = await call("fit", fitted());
+  const asked = fitted(), about = await call("fit", { ...asked, begin: get("from").value || null });
+  posed = asked;
   parameters = about.parameters.map(p => ({ ...p, found: about.intervals[p.name] }));
   get("sliders").replaceChildren(...parameters.map(slider));
   put(begin ?? about.values);
@@ -120,9 +124,9 @@ async function open() {
   await Promise.all([results(), choose(about.trials.includes(trial) ? trial : about.trials[0])]);
 }
 async function results() {  // verdict, and speeds over the frequency of the beat, held-out trials open, where there is one
-  const run = get("from").value, { verdict, sentence } = project.runs.find(one => one.path === run) ?? {};
+  const { run } = chosenRun(), { verdict, sentence } = chosenRun(run);
   get("results").hidden = !run;
-  get("verdict").innerHTML = verdict ? `<b>${safe(verdict)}</b>: ${safe(sentence)}` : run && "No verdict: this search was cut off; it can go on.";
+  get("verdict").innerHTML = verdict ? `<b>${safe(verdict)}</b>: ${safe(sentence)}` : !run ? "" : "No verdict: this search was cut off; it can go on.";
   get("speeds").innerHTML = run ? (await call("speeds", null, { run })).svg : "";
 }
 async function choose(name) {
@@ -130,15 +134,14 @@ async function choose(name) {
   for (const { dataset, firstChild } of get("trials").children) firstChild.setAttribute("aria-pressed", dataset.name === name);
   await simulate();
 }
-get("back").onclick = tried(() => { if (!past.length) throw new Error("There is nothing to undo."); put(past.pop()); return simulate(); });
+get("back").onclick = tried(() => { if (!past.length) throw new Error("There is nothing to undo."); put(past.pop()); left = false; return simulate(); });
 get("reference").onchange = tried(() => { get("from").value = ""; shown = null; return open(); });
 get("from").onchange = tried(() => {
-  const run = project.runs.find(one => one.path === get("from").value);
-  if (run) { get("reference").value = run.reference; get("robot").value = run.robot; }
+  if (get("from").value) take(chosenRun());
   return open();
 });
-get("search").onclick = tried(async () => { await call("search", { ...fitted(), values, held: held() }); await watch(); });
-get("ask").onclick = tried(async () => { await call("ask", { ...fitted(), values }); await watch(); });
-get("keep").onclick = tried(async () => { get("note").textContent = (await call("keep", { ...fitted(), values })).said; });
+get("search").onclick = tried(async () => { await call("search", { ...posed, values, held: held() }); await watch(); });
+get("ask").onclick = tried(async () => { await call("ask", { ...posed, values }); await watch(); });
+get("keep").onclick = tried(async () => { get("note").textContent = (await call("keep", { ...posed, values, held: held() })).said; });
 for (const button of document.querySelectorAll("[data-work]"))
-  button.onclick = tried(async () => { await call("work", { kind: button.dataset.work, run: get("from").value }); await watch(); });
+  button.onclick = tried(async () => { await call("work", { kind: button.dataset.work, run: chosenRun().run }); await watch(); });

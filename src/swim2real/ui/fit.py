@@ -9,6 +9,7 @@ from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
 import numpy as np
+from pydantic import BaseModel
 
 from markertrack.camera import fixed_camera
 from markertrack.camera_file import read_camera
@@ -31,12 +32,23 @@ from swim2real.trials import TrialSet, load_reference
 from swim2real.ui.films import FilmCache, packed
 from swim2real.ui.jobs import Job
 from swimbase.arrays import Array
-from swimbase.errors import AdvisorError, ArgumentError, RunError
+from swimbase.checking import PathText, read
+from swimbase.errors import AdvisorError, ArgumentError, ParameterError, RunError
 
 CAMERA = "camera.json"
 _GROUND, _SMALL = (1280, 720), (128, 56)  # px of the ground of a trial without a film, and of the small pictures
 _MARGIN, _INSTANTS = 0.1, 4  # share that is left around a trial on the ground; poses in a small picture
 _MOST_ASKED = 60  # measurements that an advisor may want before it proposes
+
+
+class Left(BaseModel):
+    """What a file of values says besides: the robot, and the trials, run and held-out trials that were chosen then."""
+
+    robot: str
+    robot_file: PathText | None = None
+    reference: PathText | None = None
+    run: PathText | None = None
+    held: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -99,7 +111,7 @@ class Fit:
     Attributes:
         folder: Reference folder.
         robot: The robot.
-        run: Run whose values, settings and study are taken; None for the robot's own.
+        run: Run whose settings and study are taken; None for the default ones.
         root: Folder outside of which no film is looked for.
         films: Films that are open.
     """
@@ -124,18 +136,22 @@ class Fit:
             self.settings = replace(self.settings, **{name: getattr(made, name) for name in names})
         self.problem = Problem.with_settings(self.robot, reference, self.settings)
 
-    def about(self) -> About:
-        """Parameters with bounds and what is known of them, trials, and the values to begin with."""
-        space, values = self.robot.space, self.robot.space.published
+    def about(self, begin: Path | None) -> About:
+        """Parameters with bounds and what is known of them, trials, and the values to begin with.
+
+        Args:
+            begin: Run or file with these values; None for the model's own.
+        """
+        space, values, held = self.robot.space, self.robot.space.published, self.settings.hold_out
         study = None
         if self.run is not None:
-            values = read_parameters(self.run, self.robot.name, space).values
             with suppress(RunError):  # one of an earlier version
                 study = study_of(RunFolder(self.run))
+        if begin is not None:
+            values = read_parameters(begin, self.robot.name, space).values
+            held = held if begin.is_dir() else read(Left, begin, "values", ParameterError).held
         intervals = study.intervals if study is not None and study.complete else {}
-        return About(
-            list(space), dict(intervals), list(self.reference.names), list(self.settings.hold_out), dict(values)
-        )
+        return About(list(space), dict(intervals), list(self.reference.names), list(held), dict(values))
 
     def scene(self, trial: str) -> Scene:
         """What a trial is drawn on."""

@@ -1,5 +1,5 @@
 /* ---- the film: points of one frame, then corrections of its track, saved as they are clicked ---- */
-let about = null, opening = null, corrected = new Map();   // corrections by frame: by marker [x, y], or null where it is hidden
+let about = null, opening = null, clicks = new Map();   // points or corrections by frame: by marker [x, y], or null where it is hidden
 const tracked = n => about?.track && n >= about.track.first && n < about.track.first + about.track.frames ? row(about.track.positions, n - about.track.first, names.length) : undefined;
 const asked = () => {  // the film with what the list has of it
   const { path, reference, trial } = project.films.find(one => one.path === get("film").value) ?? {};
@@ -12,13 +12,14 @@ async function film() {
   about = frame = opening = null; points = []; update();
   const own = opening = asked();
   update();
-  const found = await call("film", null, own).catch(error => { opening = null; update(); throw error; });
-  if (opening !== own) return;   // another one was chosen meanwhile
-  about = { path: own.film, ...found };
+  try {
+    const found = await call("film", null, own), there = await clicked(own, found.track);
+    if (opening !== own) return;   // another one was chosen meanwhile
+    about = { path: own.film, robot: own.robot, ...found }; clicks = there;
+  } catch (error) { if (opening === own) opening = null; update(); throw error; }
   if (about.track) about.track.positions = unpacked(about.track.positions);
-  ({ names, places, video } = about);
+  ({ names, places } = about);
   load(about, 0, about.frames - 1);
-  corrected = new Map((about.corrections?.frames ?? []).map(({ frame, markers }) => [frame, markers]));
   get("about").textContent = `${width} × ${height} px, ${about.frames} frames, ${about.fps.toFixed(2)} per second`;
   get("list").replaceChildren(...items());
   get("track").textContent = about.track ? "Track again" : "Track";
@@ -30,38 +31,43 @@ async function film() {
   }));
   get("findings").replaceChildren(...(about.track?.findings ?? []).map(text => Object.assign(document.createElement("li"), { textContent: text })));
   fit();
-  await go(about.track ? about.track.first : about.points?.frame ?? 0);
+  await go(about.track ? about.track.first : [...clicks.keys()][0] ?? 0);
+}
+const kind = track => track ? "corrections" : "points";
+const clicked = async ({ film, robot }, track) => new Map(await call("marks", null, { film, robot, kind: kind(track) }));
+async function remark() {   // what another page has clicked
+  const { path } = about ?? {}, there = path && await clicked(asked(), about.track);
+  if (!there || path !== about?.path || !saved || outbox.length || JSON.stringify([...there]) === JSON.stringify([...clicks])) return;
+  clicks = there;
+  if (!playing) seen();
 }
 const tracking = () => job.running && job.kind === "track" && job.film === reel.path;
 function seen() {
   if (!about) return draw();
-  const own = about.track ? corrected.get(number) : number === (about.points?.frame ?? 0) ? about.points?.markers : null;
+  const own = clicks.get(number);
   points = names.map((name, m) => own?.[name] !== undefined ? own[name] : tracked(number)?.[m] ?? null);
   chosen = lifted = wanted = -1; history = []; lastStep = ""; marked = number;
   update();
 }
 let marked = 0;   // the frame that the points are of
-function keepMarks() {
+function keepMarks() {   // what has changed of them is saved
   saved = true;
-  let content = { format: 1, video, width, height };
-  if (about.track) {
-    const before = tracked(marked) ?? [], mine = {};
-    names.forEach((name, m) => {
-      const [p, q] = [points[m], before[m]];
-      if (p ? !q || Math.hypot(p[0] - q[0], p[1] - q[1]) > 0.01 : q) mine[name] = p;
-    });
-    if (Object.keys(mine).length) corrected.set(marked, mine); else corrected.delete(marked);
-    content = { ...content, frames: [...corrected].sort(([a], [b]) => a - b).map(([frame, markers]) => ({ frame, markers })) };
-  } else {
-    const mine = Object.fromEntries(names.flatMap((name, m) => points[m] ? [[name, points[m]]] : []));
-    const whole = about.points && Object.keys(about.points.markers ?? {}).length === names.length;
-    if (whole && marked !== (about.points.frame ?? 0) && Object.keys(mine).length < names.length) return;  // of another frame
-    about.points = content = { ...content, frame: marked, markers: mine };
+  if (!about) return;
+  const before = tracked(marked) ?? [], there = clicks.get(marked) ?? {}, mine = {};
+  names.forEach((name, m) => {
+    const [p, q] = [points[m], before[m]];
+    if (p ? !q || apart(p, q) > 0.01 : q) mine[name] = p && [...p];
+  });
+  const drop = Object.keys(there).filter(name => !(name in mine)), count = one => Object.keys(one).length;
+  const put = Object.fromEntries(Object.entries(mine).filter(([name, p]) => JSON.stringify(p) !== JSON.stringify(there[name])));
+  if (!drop.length && !count(put)) return;
+  if (!about.track) {
+    if ([...clicks].some(([frame, one]) => frame !== marked && count(one) > count(mine))) return;   // until there are as many
+    clicks.clear();
   }
-  const asked = { film: about.path, kind: about.track ? "corrections" : "points", content };
-  saving = saving.then(() => call("mark", asked)).catch(error => { saved = false; complain(error.message); });
+  clicks.set(marked, mine);
+  post("mark", { film: about.path, robot: about.robot, kind: kind(about.track), frame: marked, put, drop });
 }
-let saving = Promise.resolve();   // one after the other
 setInterval(() => { if (filming && !saved && !gesture) keepMarks(); }, 300);
 get("clear").onclick = () => {
   if (!about?.track) return clear();
@@ -84,5 +90,5 @@ get("doubt").onclick = tried(async () => {   // the next click puts its first ma
 document.addEventListener("keydown", ({ key, ctrlKey, metaKey }) => {
   if (filming && about?.track && !ctrlKey && !metaKey) ({ n: get("doubt"), h: get("hide") })[key]?.click();
 });
-get("track").onclick = tried(async () => { if (!saved) keepMarks(); await saving; await call("track", asked()); await watch(); });
+get("track").onclick = tried(async () => { if (!saved) keepMarks(); await send(); if (outbox.every(([, { film }]) => film !== about.path)) { await call("track", asked()); await watch(); } });
 get("film").onchange = get("midline").onchange = tried(film);

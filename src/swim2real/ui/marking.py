@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import threading
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -27,7 +25,7 @@ from swimbase.checking import check, read
 from swimbase.errors import ArgumentError, TrackingError
 from swimbase.store import write_json, writing
 
-_SAVING = threading.Lock()  # two pages may save the same file
+Marks = dict[int, dict[str, list[float] | None]]  # places of markers [px] by frame and name; None where hidden
 
 
 @dataclass(frozen=True)
@@ -52,7 +50,7 @@ class Tracked:
 def about_film(
     project: Project, film: str, robot: str, reference: str | None, trial: str | None, midline: bool
 ) -> dict[str, object]:
-    """A film as the page shows it: its frames, markers, what was clicked, and the track where there is one.
+    """A film as the page shows it: its frames, markers, and the track where there is one.
 
     Args:
         project: The folder.
@@ -63,14 +61,6 @@ def about_film(
         midline: Whether the ends of a midline are clicked.
     """
     path, body = project.place(film), project.robot(robot)
-    clicked = {
-        kind: read(MarkersFile, file, kind, TrackingError).model_dump(exclude_unset=True) if file.is_file() else None
-        for kind in ("points", "corrections")
-        for file in [_file(path, kind)]
-    }
-    for kind, content in clicked.items():
-        frames = [] if content is None else [content, *(content.get("frames") or ())]
-        _check_names(f"{kind} of '{film}'", [name for one in frames for name in one.get("markers") or ()], body)
     shown, track = project.shown(film), None
     if reference is not None and trial is not None:
         track = _track(project.folder(reference), trial, project.films.opened(path).fps, body)
@@ -78,7 +68,19 @@ def about_film(
     along = np.linalg.norm(np.diff(body.rest_markers[kept], axis=0), axis=1) if body.marker_names else np.zeros(0)
     sketch = np.concatenate([[0.0], np.cumsum(along)]) / max(float(along.sum()), 1e-9)
     names = {"names": body.marker_names[kept], "places": sketch.round(4).tolist()}
-    return {**shown, **clicked, **names, "video": path.name, "track": track}
+    return {**shown, **names, "track": track}
+
+
+def clicked(film: Path, robot: Robot, kind: str) -> Marks:
+    """Places in a points or corrections file; none without one."""
+    file = _file(film, kind)
+    if not file.is_file():
+        return {}
+    content = read(MarkersFile, file, kind, TrackingError)
+    single = content.markers or dict(zip(robot.marker_names, content.points or (), strict=False))
+    marks = {one.frame: one.markers for one in content.frames or ()} or {content.frame or 0: single}
+    _check_names(f"{kind} of '{film.name}'", [name for one in marks.values() for name in one], robot)
+    return marks
 
 
 def _check_names(what: str, names: Iterable[str], robot: Robot) -> None:
@@ -103,13 +105,35 @@ def _track(folder: Path, trial: str, fps: float, robot: Robot) -> Tracked | None
     return Tracked(round(begin * fps), track.frame_count, packed(track.positions), stretches, findings)
 
 
-def save(film: Path, kind: str, content: dict[str, Any]) -> dict[str, str]:
-    """Writes points or corrections beside the film, as `track` takes them."""
-    path = _file(film, kind)
-    checked = check(MarkersFile, content, kind, TrackingError)
-    with _SAVING, writing(path, TrackingError, "allow writing there"):
-        write_json(path, checked.model_dump(exclude_unset=True))
-    return {"said": f"{path.name} is saved"}
+def mark(
+    film: Path, size: tuple[int, int], robot: Robot, kind: str, frame: int,
+    put: Mapping[str, list[float] | None], drop: Iterable[str],
+) -> None:  # fmt: skip
+    """Changes places in a frame in the file beside the film that `track` takes; a points file has one frame alone.
+
+    What isn't named stays: another page, or a person with an editor, may have put it there meanwhile.
+
+    Args:
+        film: Path of the film.
+        size: Width and height of its picture [px].
+        robot: The robot in it.
+        kind: Whether they are points or corrections.
+        frame: Number of the frame.
+        put: New places by name [px]; None where a marker is hidden.
+        drop: Names of which nothing is said any more.
+    """
+    path, marks = _file(film, kind), clicked(film, robot, kind)
+    mine = {name: place for name, place in marks.get(frame, {}).items() if name not in set(drop)} | dict(put)
+    if kind == "points":
+        content = {"frame": frame, "markers": mine}
+    else:
+        frames = sorted((number, one) for number, one in {**marks, frame: mine}.items() if one)
+        content = {"frames": [{"frame": number, "markers": one} for number, one in frames]}
+    width, height = size
+    content = {"format": 1, "video": film.name, "width": width, "height": height, **content}
+    check(MarkersFile, content, kind, TrackingError)
+    with writing(path, TrackingError, "allow writing there"):
+        write_json(path, content)
 
 
 def track(

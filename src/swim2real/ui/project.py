@@ -5,8 +5,11 @@ from __future__ import annotations
 import hmac
 import os
 import secrets
+import threading
 import tomllib
+from collections import OrderedDict
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from itertools import islice
 from pathlib import Path
@@ -20,13 +23,14 @@ from swim2real.robots.robot import Robot
 from swim2real.settings import FILES, PHYSICS, VlmAccess, check_advisor, replayed_run
 from swim2real.trials.reference import FILMS, INDEX, Index
 from swim2real.ui.films import FilmCache
-from swim2real.ui.fit import Fit
+from swim2real.ui.fit import Fit, Left
 from swim2real.ui.jobs import Jobs
 from swimbase.checking import read
-from swimbase.errors import ArgumentError, Swim2RealError, TrialError
+from swimbase.errors import ArgumentError, ParameterError, Swim2RealError, TrialError
 
 _DEEPEST, _MOST = 4, 5000  # folders into which is looked, and files
 _LARGEST_ROBOT = 4 << 20  # bytes of a robot file
+LEFT, KEPT = "sliders.json", "values-{}.json"  # values as the hand left them, and under a new name
 
 
 @dataclass(frozen=True)
@@ -49,11 +53,12 @@ class ListedReference:
 
 @dataclass(frozen=True)
 class ListedRun:
-    """A run in the list; without robot, reference and values where it can't be read."""
+    """A run in the list, or a file of values with the run of their settings; without a robot it can't be read."""
 
     path: str
     robot: str | None = None
     reference: str | None = None
+    run: str | None = None
     usable: bool = False
     error: float | None = None
     verdict: str | None = None
@@ -80,7 +85,9 @@ class Project:
         jobs: What is under way.
         films: Films that are open.
         secret: By it the addresses of films are sealed.
-        fit: The fit that is open, after what it is of.
+        fits: Fits that are open, by what they are of.
+        lock: Held while files are written for a page.
+        saves: How often a page has written something, by which others know that there is news.
         advisor: Who is asked about a fit.
         access: How it is reached, if it is a VLM.
     """
@@ -89,7 +96,9 @@ class Project:
     jobs: Jobs = field(default_factory=Jobs)
     films: FilmCache = field(default_factory=FilmCache)
     secret: bytes = field(default_factory=lambda: secrets.token_bytes(24), repr=False)
-    fit: tuple[object, Fit] | None = None
+    fits: OrderedDict[object, Fit] = field(default_factory=OrderedDict[object, Fit])
+    lock: threading.Lock = field(default_factory=threading.Lock)
+    saves: int = 0
     advisor: str = PHYSICS
     access: VlmAccess = field(default_factory=VlmAccess)
 
@@ -157,12 +166,15 @@ class Project:
                 runs.append(self.run(folder))
             elif path.suffix.lower() in FILMS and not (folder.parent / INDEX).is_file():
                 films[self.name(path)] = ListedFilm(self.name(path), path.with_suffix(".points.json").is_file())
+            elif path.name == LEFT or path.match(KEPT.format("*")):
+                runs.append(self._values(path))
             elif path.suffix == ".toml" and _is_robot(path):
                 robots.append(self.name(path))
         for reference in references:
             for trial, film in reference.trials.items():
                 if film in films:
                     films[film] = replace(films[film], reference=reference.path, trial=trial)
+        runs.sort(key=lambda run: _changed(self.root / run.path))
         return Content(shown, list(films.values()), references, runs, [*robots, *ROBOTS])
 
     def run(self, folder: Path) -> ListedRun:
@@ -172,15 +184,24 @@ class Project:
             settings, outcome = run.settings(), run.outcome()
         except Swim2RealError:
             return ListedRun(self.name(folder))
-        file = None if settings.robot_file is None else (folder / settings.robot_file).resolve()
-        robot = settings.robot if file is None else self.name(file) if file.is_relative_to(self.root) else None
-        reference = (folder / settings.reference).resolve()
+        robot = settings.robot if settings.robot_file is None else self._inside(folder / settings.robot_file)
         fit, verdict = (None, None) if outcome is None else (outcome.fit, outcome.verdict)
         ended = () if verdict is None else (verdict.title, verdict.sentence)
-        return ListedRun(
-            self.name(folder), robot, self.name(reference) if reference.is_relative_to(self.root) else None,
-            (folder / BEST).is_file(), None if fit is None else fit.error, *ended,
-        )  # fmt: skip
+        path, reference = self.name(folder), self._inside(folder / settings.reference)
+        error = None if fit is None else fit.error
+        return ListedRun(path, robot, reference, path, (folder / BEST).is_file(), error, *ended)
+
+    def _values(self, path: Path) -> ListedRun:
+        try:
+            left = read(Left, path, "values", ParameterError)
+        except Swim2RealError:
+            return ListedRun(self.name(path))
+        robot = left.robot if left.robot_file is None else self._inside(path.parent / left.robot_file)
+        return ListedRun(self.name(path), robot, left.reference, left.run, usable=True)
+
+    def _inside(self, path: Path) -> str | None:
+        """The path of something from the folder; None outside of it."""
+        return self.name(path) if path.resolve().is_relative_to(self.root) else None
 
     def _files(self) -> Iterator[Path]:
         """Files in the folder, in order, without hidden ones and links to folders."""
@@ -197,11 +218,15 @@ class Project:
             index = read(Index, folder / INDEX, "reference", TrialError)
         except Swim2RealError:  # it is reported when it is opened
             return {}
-        films = [None if trial.video is None else (folder / trial.video).resolve() for trial in index.trials]
-        return {
-            trial.name: self.name(film) if film and film.is_relative_to(self.root) else None
-            for trial, film in zip(index.trials, films, strict=True)
-        }
+        films = ((trial.name, trial.video) for trial in index.trials)
+        return {name: None if film is None else self._inside(folder / film) for name, film in films}
+
+
+def _changed(path: Path) -> float:
+    """When the values of a run, or in a file, were written; 0 where there are none."""
+    with suppress(OSError):
+        return (path / BEST if path.is_dir() else path).stat().st_mtime
+    return 0.0
 
 
 def _is_robot(path: Path) -> bool:

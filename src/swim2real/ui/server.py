@@ -165,6 +165,7 @@ async def serve(
         await asyncio.Event().wait()
     finally:
         server.stop()
+        await server.close_all_connections()
 
 
 def open_browser(address: str) -> Callable[[], None] | None:
