@@ -56,6 +56,13 @@ def wait_until_it_turns(emulator):
     assert abs(emulator.velocity()) > 2.5
 
 
+def stands_still(emulator):
+    give_up = time.monotonic() + 10
+    while emulator.velocity() != 0 and time.monotonic() < give_up:
+        time.sleep(0.01)
+    return emulator.velocity() == 0
+
+
 @contextmanager
 def swimming(path):
     """A motor, and a program of its own that sends it commands, once the motor turns."""
@@ -204,7 +211,7 @@ def test_signals_stop_the_motors(program, table, motors, name):
         assert f"swim2real: {name} after" in program.err
         assert ("the motors were stopped" if several else "the motor was stopped") in program.err
         assert "Sent" in program.out
-        assert emulator.velocity() == 0
+        assert stands_still(emulator)
         assert not any(motor.get(control_table.TORQUE_ENABLE) for motor in emulator.motors)
         assert not any(motor.watchdog_tripped for motor in emulator.motors)  # a command stopped them
 
@@ -212,10 +219,7 @@ def test_signals_stop_the_motors(program, table, motors, name):
 def test_killed_the_watchdog_stops_the_motor(table):
     with swimming(table([3.0] * 1000)) as (emulator, program):
         program.kill()
-        killed = time.monotonic()
-        while emulator.velocity() > 0 and time.monotonic() < killed + 10:
-            time.sleep(0.01)
-        assert emulator.velocity() == 0
+        assert stands_still(emulator)
         assert emulator.motor.watchdog_tripped
 
 
@@ -224,12 +228,12 @@ def test_halted_and_continued_it_says_what_happened(table):
     with swimming(table([3.0] * 1000)) as (emulator, program):
         program.send_signal(signal.SIGSTOP)
         time.sleep(0.5)
-        assert emulator.velocity() == 0
+        assert stands_still(emulator)
         program.send_signal(signal.SIGCONT)
         _, err = program.communicate(timeout=20)
         assert program.returncode == 1
         assert "the watchdog of motor 1 has stopped it" in err
-        assert emulator.velocity() == 0
+        assert stands_still(emulator)
 
 
 def test_an_error_in_the_middle_is_one_sentence_and_the_log_is_there(program, table, tmp_path):
@@ -237,5 +241,5 @@ def test_an_error_in_the_middle_is_one_sentence_and_the_log_is_there(program, ta
     with FaultyEmulator(faults=[Fault("overheated", 60)]) as emulator:
         program("deploy", table([3.0] * 200), "--port", emulator.port, "--log", log, "--quiet")
         assert "motor 1 reports overheating" in program.sentence(1)
-        assert emulator.velocity() == 0
+        assert stands_still(emulator)
     assert len(log.read_text().splitlines()) > 10
