@@ -42,7 +42,7 @@ def test_no_start_gains_more_on_average_than_is_expected():
     ([0.03, 0.031, 0.04, 0.05, 0.06], Sizes(0.0002, 0.2), ""),
     ([0.03, *np.linspace(0.0334, 0.06, 9)], Sizes(0.0002, 0.2), "would hardly lower the loss, by the 10 that"),
 ], ids=["none", "one", "one that explains", "two that nearly do", "two that don't", "two, of large motion",
-        "two that explain agree", "two far off agree", "three of which two agree", "five", "apart", "many"])  # fmt: skip
+        "two that explain agree", "two far off agree", "two of three agree", "five", "apart", "many"])  # fmt: skip
 def test_another_start_is_worth_its_evaluations_or_not(ends, sizes, said):
     assert said in conclusion(ends, sizes)
     assert bool(said) == bool(conclusion(ends, sizes))
