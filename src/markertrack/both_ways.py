@@ -117,10 +117,10 @@ def _found_again(
         m: Things(one.colors, one.looks[number].of(np.array([0])), number, float(tracker.radii[m]))
         for m, (one, number) in free.items()
     }
-    room = float(len(frames))
+    room = 0.0
     for k, frame in enumerate(frames):
         image = replace(frame).image
-        room = float(len(frames) * image.shape[0] * image.shape[1])
+        room += image.shape[0] * image.shape[1]
         for m, one in things.items():
             one.see(image, k, known[k, m], known[k], tracker.radii + tracker.radii[m])
     seen: dict[int, dict[int, Array]] = {}

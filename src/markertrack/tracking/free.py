@@ -76,6 +76,7 @@ class FreeTracker:
         self._jumped = ~certain  # whether it was found elsewhere than expected since then
         self._lost = ~certain  # whether flow didn't carry it on since it was certain
         self._agreed = np.where(certain, AGAIN, 0)  # frames in which it was seen, one after the other
+        self._drifted = np.zeros((count, 2))  # by which the pictures taken on the way are beside the first one [px]
         self._time = time
         self.looks = {m: looks.of(np.array([m])) for m in np.flatnonzero(~certain).tolist()}
         self.reasons = {reason: np.zeros(count, dtype=np.int64) for reason in REASONS}
@@ -185,17 +186,18 @@ class FreeTracker:
                     positions[m], confidence[m], chosen[m] = again, RIGHT, -1
                     continue
             if carried[m] and chosen[m] >= 0:
-                positions[m], confidence[m] = place, CERTAIN
+                positions[m], confidence[m], self._drifted[m] = place, CERTAIN, 0.0
                 continue
             nearby = min(found.reach[m], NEARBY * self.radii[m] + np.hypot(*self._steps[m]))
             reach = NEAR[0] * self.radii[m] + 1 if carried[m] else 1.5 if chosen[m] >= 0 else nearby
             peak, score, only = self._picture(image, m, place, reach)
             own = carried[m] and not self._lost[m] and score > SAME
-            own = own and not contradict(peak, place, self.radii[m])
+            own = own and not contradict(peak - self._drifted[m], place, self.radii[m])
             if own and self.colors.are_at(image, m, place, self.radii[m]):
                 positions[m], confidence[m] = peak if self.radii[m] < SMALL else place, RIGHT
                 if score < SURELY:
                     self._looks.learn_picture(image, m, place)
+                    self._drifted[m] += place - peak
             elif chosen[m] >= 0:
                 near = np.hypot(*(place - expected[m])) < NEAR[0] * self.radii[m] + NEAR[1]
                 whole = near or found.like[m] > CLEAR  # and not a part of one that is blurred
