@@ -73,7 +73,8 @@ class FreeTracker:
         self._places, self.radii = places.copy(), looks.radii
         self._steps, self._fastest = np.zeros((count, 2)), np.zeros(count)
         self._doubtful = np.where(certain, 0, 1)  # frames since it was certain
-        self._jumped = ~certain  # whether it was found elsewhere than expected since then
+        self._jumped = ~certain  # whether it was found elsewhere than expected, and another thing like it
+        self._rivals = np.zeros((count, count), dtype=bool)  # others that may have been what was found there
         self._lost = ~certain  # whether flow didn't carry it on since it was certain
         self._agreed = np.where(certain, AGAIN, 0)  # frames in which it was seen, one after the other
         self._drifted = np.zeros((count, 2))  # by which the pictures taken on the way are beside the first one [px]
@@ -113,8 +114,11 @@ class FreeTracker:
         sure = self._agreed >= AGAIN
         off = np.linalg.norm(positions - expected, axis=1)
         near = NEAR[0] * self.radii + NEAR[1] + AHEAD * np.hypot(*self._steps.T)
-        self._jumped |= self._lost & (confidence > DOUBT) & ~(off < near) & ~found.only
-        sure &= ~self._jumped
+        elsewhere = self._lost & (confidence > DOUBT) & ~(off < near)
+        self._jumped |= elsewhere & found.more
+        self._rivals |= elsewhere[:, None] & found.rivals
+        settled = sure & ~self._jumped & ~self._rivals.any(axis=1)
+        sure &= ~self._jumped & ~(self._rivals & ~settled).any(axis=1)
         self._count(positions, sure, found.alone)
         self._take(positions, confidence > DOUBT, sure, moves, carried, np.array(image.shape[1::-1]) - 1)
         for marker in np.flatnonzero(self._doubtful == 1).tolist():  # before they change by looking for it
@@ -134,9 +138,10 @@ class FreeTracker:
         reach = np.where(carried, NEAR[0] * self.radii + NEAR[1], far)
         boxes = squares(expected, reach + 0.5 * self.radii)
         spots, of = self._measured(image, np.where(self._followed[:, None], boxes, 0), carried)
-        chosen, (alone, only) = np.full(len(expected), -1), np.ones((2, len(expected)), dtype=bool)
+        chosen, alone = np.full(len(expected), -1), np.ones(len(expected), dtype=bool)
+        more, rivals = ~alone, np.zeros((len(expected), len(expected)), dtype=bool)
         if not len(spots):
-            return _Found(spots, chosen, np.zeros(len(expected)), alone, only, reach)
+            return _Found(spots, chosen, np.zeros(len(expected)), alone, more, rivals, reach)
         like = self._looks.likeness(spots, self._places, np.hypot(*moves.steps.T), BLURRED * self.radii)
         away = np.linalg.norm(spots.centers - expected[:, None], axis=2)
         possible = (like > LIKE) & (away < reach[:, None]) & (of == np.arange(len(expected))[:, None])
@@ -153,13 +158,12 @@ class FreeTracker:
             same = np.linalg.norm(spots.centers - spots.centers[spot], axis=1) < self.radii[marker]
             taken = np.linalg.norm(spots.centers[:, None] - spots.centers[chosen[chosen >= 0]], axis=2)
             free = possible[marker] & (taken.min(axis=1) > self.radii[marker])
-            rivals = (possible & same).any(axis=1) & ~carried & (np.arange(len(away)) != marker)
-            others = np.concatenate([away[marker, free], away[rivals][:, spot]])
-            alone[marker] = off < RATIO * others.min(initial=np.inf)
-            only[marker] = not len(others)
+            rivals[marker] = (possible & same).any(axis=1) & ~carried & (np.arange(len(away)) != marker)
+            others = np.concatenate([away[marker, free], away[rivals[marker]][:, spot]])
+            alone[marker], more[marker] = off < RATIO * others.min(initial=np.inf), free.any()
         chosen[carried & ~alone] = -1
         like = np.where(chosen >= 0, like[np.arange(len(like)), chosen], 0.0)
-        return _Found(spots, chosen, like, alone, only, reach)
+        return _Found(spots, chosen, like, alone, more, rivals, reach)
 
     def _measured(self, image: Image, boxes: NDArray[np.int64], joint: Mask) -> tuple[Spots, NDArray[np.int64]]:
         """The spots in each marker's box, and the marker that each was found for.
@@ -241,7 +245,7 @@ class FreeTracker:
         self._places = np.where(seen[:, None], positions, np.clip(self._places + slower, 0, size))
         self._doubtful = np.where(known, 0, self._doubtful + 1)
         self._lost = ~known & (self._lost | ~carried)
-        self._jumped &= ~known
+        self._jumped, self._rivals = self._jumped & ~known, self._rivals & ~known[:, None]
         fastest = np.maximum(SLOWER[1] * self._fastest, np.hypot(*self._steps.T))
         self._fastest = np.where(known, fastest, self._fastest)
 
@@ -254,7 +258,8 @@ class _Found(NamedTuple):
         chosen: That of each marker, or -1. Shape (M,).
         like: How much it looks like it. Shape (M,).
         alone: Whether it can't be another's. Shape (M,).
-        only: Whether nothing else is like it where it was looked for. Shape (M,).
+        more: Whether another one is like it where it was looked for. Shape (M,).
+        rivals: Markers that each one's spot may be as well. Shape (M, M).
         reach: How far from where it was expected each was looked for [px]. Shape (M,).
     """
 
@@ -262,5 +267,6 @@ class _Found(NamedTuple):
     chosen: NDArray[np.int64]
     like: Array
     alone: Mask
-    only: Mask
+    more: Mask
+    rivals: Mask
     reach: Array
