@@ -4,8 +4,9 @@ Things of a marker's colors are followed by flow for as long as they are seen: a
 markers are tracklets, too. Each comes before one other at most and after one other at most; the links that explain the
 film best are a linear assignment (Jaqaman et al.: Robust single-particle tracking in live-cell time-lapse sequences,
 Nature Methods 5, 2008). A link is worth by how much likelier the motion over it is than that a new thing turns up
-there, as often as they do in this film. What is linked to a marker is that marker, with a confidence by how much worse
-the best explanation is in which it isn't.
+there, as often as they do in this film: velocities change as those of its markers did, or are anew, and what is linked
+to something before isn't new. What is linked to a marker is that marker, if the best explanation in which it isn't is
+much worse.
 """
 
 from __future__ import annotations
