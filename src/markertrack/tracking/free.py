@@ -73,7 +73,7 @@ class FreeTracker:
         self._places, self.radii = places.copy(), looks.radii
         self._steps, self._fastest = np.zeros((count, 2)), np.zeros(count)
         self._doubtful = np.where(certain, 0, 1)  # frames since it was certain
-        self._jumped = ~certain  # whether it was found elsewhere than expected, and another thing like it
+        self._jumped = np.zeros(count, dtype=bool)  # whether it was found elsewhere, as was another like it
         self._rivals = np.zeros((count, count), dtype=bool)  # others that may have been what was found there
         self._lost = ~certain  # whether flow didn't carry it on since it was certain
         self._agreed = np.where(certain, AGAIN, 0)  # frames in which it was seen, one after the other
