@@ -26,7 +26,6 @@ NEAR = 0.6, 2.0  # radii and px from where it was carried within which its spot 
 FAR = 1.5  # radii within which one is looked for that wasn't carried, besides how it may have moved
 NEARBY = 8.0  # radii, besides its step, within which one is looked for by its picture
 SMALL = 5.0  # px radius, below which a picture tells the place of a marker better than flow does
-SOON = 10  # frames in doubt after which a marker isn't followed any longer
 AGAIN = 2  # frames that a marker must be seen in one after the other, after it was lost
 CLEAR = 0.65  # likeness of a spot, below which it is measured anew in its colors of now
 REPEATED = 0.02  # px that nothing moves by in a picture that repeats the last one
@@ -87,11 +86,6 @@ class FreeTracker:
         self._steps = -self._steps
 
     @property
-    def _followed(self) -> Mask:
-        """Which markers weren't in doubt for too long. Shape (M,)."""
-        return self._doubtful <= SOON
-
-    @property
     def places(self) -> Array:
         """Where the markers were, or would be [px]. Shape (M, 2)."""
         return self._places.copy()
@@ -103,7 +97,7 @@ class FreeTracker:
         moves = self._flow.follow(image, self._places, self.radii, self._steps)
         carried = moves.errors < np.maximum(MOST_OFF[0], MOST_OFF[1] * self.radii)
         there = self._places + moves.steps
-        carried &= self._followed & inside(there, image)
+        carried &= inside(there, image)
         expected = np.where(carried[:, None], there, self._places + self._steps)
         self._looks.grow(np.where(carried, moves.growths, 1.0))
         found = self._spots(image, expected, carried, moves)
@@ -136,8 +130,7 @@ class FreeTracker:
         far = FAR * self.radii + np.maximum(speed, self.radii) * (1 + self._doubtful)
         far = np.minimum(far, self._most_far * self.radii + speed)
         reach = np.where(carried, NEAR[0] * self.radii + NEAR[1], far)
-        boxes = squares(expected, reach + 0.5 * self.radii)
-        spots, of = self._measured(image, np.where(self._followed[:, None], boxes, 0), carried)
+        spots, of = self._measured(image, squares(expected, reach + 0.5 * self.radii), carried)
         chosen, alone = np.full(len(expected), -1), np.ones(len(expected), dtype=bool)
         more, rivals = ~alone, np.zeros((len(expected), len(expected)), dtype=bool)
         if not len(spots):
@@ -182,7 +175,7 @@ class FreeTracker:
         """Positions and confidence by the best opinion on each marker."""
         positions, confidence = np.full_like(expected, np.nan), np.zeros(len(expected))
         chosen = found.chosen
-        for m in np.flatnonzero(self._followed).tolist():
+        for m in range(len(expected)):
             place = found.spots.centers[chosen[m]] if chosen[m] >= 0 else expected[m]
             if carried[m] and not self._lost[m] and found.like[m] < CLEAR:
                 again = self._looks.pick_again(image, m, expected[m])
