@@ -19,7 +19,7 @@ from markertrack.quality import DOUBTFUL, runs
 from markertrack.track import MarkerTrack
 from markertrack.tracking.markers import MarkerTracker
 from markertrack.tracking.tracker import Array, Tracker
-from markertrack.tracklets import ENDS, Things, Tracklet, belonging, known_stretches
+from markertrack.tracklets import ENDS, Motion, Things, Tracklet, belonging, known_stretches
 from markertrack.video import Frame, most_frames
 
 SETTLED = 5  # frames in which all markers are certain, after which a break is over
@@ -44,6 +44,7 @@ def both_ways(tracker: Tracker, frames: Iterable[Frame], points: Array) -> Itera
     kept: list[Seen] = []  # from a little before the last frame on in which all markers were certain
     clock, settled = 0.0, 0
     past: dict[int, Tracklet] = {}  # where markers were known before that
+    motion = Motion()
     last: Frame | None = None
     for frame in frames:
         if last is None:
@@ -55,17 +56,20 @@ def both_ways(tracker: Tracker, frames: Iterable[Frame], points: Array) -> Itera
         if not frame.intact:  # predicted from a broken one: what it shows may be of another time
             confidence = np.minimum(confidence, SMEARED)
         kept.append((replace(frame), positions, confidence))  # without its converted picture
+        if len(kept) >= ENDS:
+            places, sure = (np.array([one[n] for one in kept[-ENDS:]]) for n in (1, 2))
+            motion.see(places, sure >= DOUBTFUL)
         settled = settled + 1 if (confidence >= DOUBTFUL).all() else 0
         if settled >= len(kept) or not isinstance(tracker, MarkerTracker):
             yield from kept[:-BEFORE]
             del kept[:-BEFORE]
         elif settled == SETTLED or len(kept) == most_frames(*frame.image.shape[1::-1]):
-            kept = _looked_back(tracker, kept, clock, past)
+            kept = _looked_back(tracker, kept, clock, past, motion)
             past = _earlier(past, kept)
             yield from kept[:-BEFORE]
             del kept[:-BEFORE]
     if isinstance(tracker, MarkerTracker) and settled < len(kept):
-        kept = _looked_back(tracker, kept, clock, past)
+        kept = _looked_back(tracker, kept, clock, past, motion)
     yield from kept
 
 
@@ -77,7 +81,9 @@ def _earlier(past: dict[int, Tracklet], kept: list[Seen]) -> dict[int, Tracklet]
     return {m: Tracklet(one.first - gone, one.places, m) for m, one in (past | newer).items()}
 
 
-def _looked_back(tracker: MarkerTracker, kept: list[Seen], clock: float, past: dict[int, Tracklet]) -> list[Seen]:
+def _looked_back(
+    tracker: MarkerTracker, kept: list[Seen], clock: float, past: dict[int, Tracklet], motion: Motion
+) -> list[Seen]:
     """Frames, by the way back as well from the last of them, up to which a tracker has come."""
     turned = deepcopy(tracker)
     turned.turn()
@@ -88,11 +94,16 @@ def _looked_back(tracker: MarkerTracker, kept: list[Seen], clock: float, past: d
         clock += abs(frames[k + 1].time - frames[k].time)
         back[0][k], back[1][k] = turned.follow(replace(frames[k]).image, clock)
     both = joined(forth, back, turned.radii)
-    return list(zip(frames, *_found_again(tracker, frames, *both, past), strict=True))
+    return list(zip(frames, *_found_again(tracker, frames, *both, past, motion), strict=True))
 
 
 def _found_again(
-    tracker: MarkerTracker, frames: Sequence[Frame], positions: Array, confidence: Array, past: dict[int, Tracklet]
+    tracker: MarkerTracker,
+    frames: Sequence[Frame],
+    positions: Array,
+    confidence: Array,
+    past: dict[int, Tracklet],
+    motion: Motion,
 ) -> tuple[Array, Array]:
     """Positions [px] and confidence, with markers that are lost followed from where they can only be."""
     stretches = known_stretches(positions, confidence)
@@ -102,17 +113,20 @@ def _found_again(
     free = {m: one for m, one in free.items() if one is not None and m in {one.marker for one in stretches}}
     if not free:
         return positions, confidence
-    things = {m: Things(one.colors, number, float(tracker.radii[m])) for m, (one, number) in free.items()}
-    room = float(len(frames))
+    things = {
+        m: Things(one.colors, one.looks[number].of(np.array([0])), number, float(tracker.radii[m]))
+        for m, (one, number) in free.items()
+    }
+    room = 0.0
     for k, frame in enumerate(frames):
         image = replace(frame).image
-        room = float(len(frames) * image.shape[0] * image.shape[1])
+        room += image.shape[0] * image.shape[1]
         for m, one in things.items():
-            one.see(image, k, known[k], tracker.radii + tracker.radii[m])
+            one.see(image, k, known[k, m], known[k], tracker.radii + tracker.radii[m])
     seen: dict[int, dict[int, Array]] = {}
     for m, one in things.items():
-        belong = belonging([*one.tracklets, *stretches], m, float(tracker.radii[m]), room, SURE)
-        seen[m] = {one.first + k: place for one, _ in belong for k, place in enumerate(one.places)}
+        belong = belonging([*one.tracklets, *stretches], m, one.radius, motion, room, SURE)
+        seen[m] = {one.first + k: place for one in belong for k, place in enumerate(one.places)}
     for m, n in combinations(seen, 2):  # one thing is one marker
         for k in seen[m].keys() & seen[n].keys():
             if np.hypot(*(seen[m][k] - seen[n][k])) < max(tracker.radii[m], tracker.radii[n]):

@@ -182,7 +182,8 @@ def _forward(
             picked, sharp = len(times) - 1, _sharpness(frame.image, position)
         note = ""
         if picked is not None and not looked and time - times[picked] >= FIRST_LOOK:
-            blurred = sharp < BLURRED * _sharpness(frame.image, position)
+            at = np.where(np.isfinite(position), position, start.points)
+            blurred = sharp < BLURRED * _sharpness(frame.image, at)
             looked, note = True, _first_look(film.names, np.array(confidences[picked:]), tracker, blurred)
         lost = int(np.count_nonzero(confidence <= 0))
         on_progress(FrameProgress(film.name, len(times), count, lost, note, position))

@@ -4,8 +4,9 @@ Things of a marker's colors are followed by flow for as long as they are seen: a
 markers are tracklets, too. Each comes before one other at most and after one other at most; the links that explain the
 film best are a linear assignment (Jaqaman et al.: Robust single-particle tracking in live-cell time-lapse sequences,
 Nature Methods 5, 2008). A link is worth by how much likelier the motion over it is than that a new thing turns up
-there, as often as they do in this film. What is linked to a marker is that marker, with a confidence by how much worse
-the best explanation is in which it isn't.
+there, as often as they do in this film: velocities change as those of its markers did, or are anew, and what is linked
+to something before isn't new. What is linked to a marker is that marker, if the best explanation in which it isn't is
+much worse.
 """
 
 from __future__ import annotations
@@ -14,19 +15,20 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 from scipy.sparse.csgraph import connected_components
 
 from markertrack.quality import DOUBTFUL, runs
-from markertrack.tracking.colors import OwnColors
-from markertrack.tracking.flow import Flow
+from markertrack.tracking.colors import EVEN, OwnColors
+from markertrack.tracking.flow import STILL, Flow
 from markertrack.tracking.free import MOST_OFF
-from markertrack.tracking.tracker import AGREE, Array, Image, contradict
+from markertrack.tracking.looks import LIKE, Looks
+from markertrack.tracking.tracker import AGREE, Array, Image, Mask, contradict
 
-SEVERAL = 2  # frames in which a thing must be seen
+SEVERAL = 2  # frames in which a thing must be seen: else nobody knows where it goes
 ENDS = 3  # steps that tell the velocity of a thing at its ends
 MOST = 1000  # tracklets that are linked: those that last longest
-CHANGE = 0.5  # of its speed, by which a velocity changes in a frame
 
 
 @dataclass
@@ -49,36 +51,83 @@ class Tracklet:
         return self.first + len(self.places) - 1
 
 
+class Motion:
+    """How markers move in a film, as it is learned from frame to frame; of few frames nothing is ruled out."""
+
+    def __init__(self) -> None:
+        self._frames = self._turns = self._speeds = self._changes = 0.0
+
+    def see(self, places: Array, sure: Mask) -> None:
+        """Takes in three frames: places of markers (3, M, 2) [px], and whether they are known (3, M)."""
+        steps = np.diff(places[:, sure.all(axis=0)], axis=0)
+        steps = steps[:, np.linalg.norm(steps, axis=2).max(axis=0, initial=0.0) > STILL]
+        speeds, changes = (steps.mean(axis=0) ** 2).sum(axis=1), (np.diff(steps, axis=0)[0] ** 2).sum(axis=1)
+        turns = changes > speeds
+        self._frames += len(turns)
+        self._turns += float(turns.sum())
+        self._speeds += float(speeds[~turns].sum())
+        self._changes += float(changes[~turns].sum())
+
+    @property
+    def change(self) -> float:
+        """Of its speed, by which a velocity usually changes in a frame."""
+        steady = self._frames - self._turns
+        return float(np.sqrt((steady * self._changes / max(self._speeds, STILL) + 1) / (steady + 1)))
+
+    @property
+    def turns(self) -> float:
+        """Share of frames in which a velocity changes by as much as the speed: one bounces, is kicked, or stops."""
+        return (self._turns + 1) / (self._frames + 1)
+
+
 class Things:
     """The things of one marker's colors, from frame to frame.
 
     Attributes:
         tracklets: All of them, those that go on included.
+        radius: Of the marker [px].
     """
 
-    def __init__(self, colors: OwnColors, marker: int, radius: float) -> None:
-        """Takes the colors of all markers, of which marker, and its radius [px]."""
+    def __init__(self, colors: OwnColors, looks: Looks, marker: int, radius: float) -> None:
+        """Takes the colors of all markers, of which marker, its look alone, and its radius [px]."""
         self.tracklets: list[Tracklet] = []
-        self._colors, self._marker, self._radius = colors, marker, radius
+        self._colors, self._looks, self._marker = colors, looks, marker
+        self.radius = radius
         self._going: list[Tracklet] = []
+        self._clear: list[float] = []  # how clear it was at its own places
         self._flow: Flow | None = None
 
-    def see(self, image: Image, frame: int, taken: Array, apart: Array) -> None:
+    def see(self, image: Image, frame: int, own: Array, taken: Array, apart: Array) -> None:
         """Takes the next picture.
 
         Args:
             image: RGB. Shape (H, W, 3).
             frame: Its number.
+            own: Where the marker is in it, NaN where that isn't known [px]. Shape (2,).
             taken: Places of markers that are known in it, NaN of others [px]. Shape (M, 2).
             apart: How far from them there is something else [px]. Shape (M,).
         """
-        places = self._colors.peaks(image, self._marker, self._radius)
-        places = places[~(np.linalg.norm(places[:, None] - taken, axis=2) < apart).any(axis=1)]
+        spots = self._like(image)
+        places, clear = self._colors.peaks(image, self._marker, self.radius, np.vstack([own, spots]))
+        self._clear += [float(clear[0])] if np.isfinite(clear[0]) else []
+        least = EVEN * np.mean(self._clear or [1.0])
+        places = np.concatenate([spots[clear[1:] > least], places])
+        free = (np.linalg.norm(places[:, None] - taken, axis=2) < apart).sum(axis=1) == 0
+        for k in np.flatnonzero(free).tolist():  # markers don't overlap
+            free[k] = (np.linalg.norm(places[:k][free[:k]] - places[k], axis=1) > 2 * self.radius).all()
+        places = places[free]
         going = [last or Tracklet(frame, []) for last in self._followed(image, places)]
         for one, place in zip(going, places, strict=True):
             one.places.append(place)
         self.tracklets += [one for one in going if one.first == frame]
         self._going = going
+
+    def _like(self, image: Image) -> Array:
+        """Centers of spots that look like it, however fast they move, the likest first. Shape (P, 2)."""
+        spots = self._looks.find(image, np.array([[0, 0, *image.shape[1::-1]]]))
+        like = self._looks.likeness(spots, self._looks.points, np.zeros(1), np.full(1, np.inf))[0]
+        order = np.argsort(-like, kind="stable")
+        return spots.centers[order[like[order] > LIKE]]
 
     def _followed(self, image: Image, places: Array) -> list[Tracklet | None]:
         """What flow leads to each of places (P, 2)."""
@@ -87,11 +136,11 @@ class Things:
             self._flow = Flow(image)
         elif self._going:
             last, earlier = (np.array([one.places[-at:][0] for one in self._going]) for at in (1, 2))
-            radii = np.full(len(last), self._radius)
+            radii = np.full(len(last), self.radius)
             moves = self._flow.follow(image, last, radii, last - earlier)
             there = (last + moves.steps)[:, None]
             good = (moves.errors < np.maximum(MOST_OFF[0], MOST_OFF[1] * radii))[:, None]
-            good = good & ~contradict(there, places, self._radius)
+            good = good & ~contradict(there, places, self.radius)
             near = np.where(good, 1 / (1 + np.linalg.norm(there - places, axis=2)), 0.0)
             for before, after in zip(*linear_sum_assignment(near, maximize=True), strict=True):
                 if good[before, after]:
@@ -110,43 +159,92 @@ def known_stretches(positions: Array, confidence: Array) -> list[Tracklet]:
     ]
 
 
+def _without_pieces(things: Sequence[Tracklet], radius: float) -> list[Tracklet]:
+    """Things of several frames, without what is beside one that lasts longer: a piece of it, or of its streak."""
+    taken: dict[int, list[Array]] = {}
+    out: list[Tracklet] = []
+    for one in sorted(things, key=lambda one: -len(one.places)):
+        wide, free = 2 * radius + _speed(one.places), np.ones(len(one.places), dtype=bool)
+        for k, place in enumerate(one.places):
+            near = np.array(taken.get(one.first + k, [])).reshape(-1, 3)
+            free[k] = (np.hypot(*(near[:, :2] - place).T) > near[:, 2]).all()
+        for begin, end in runs(free).tolist():
+            if end - begin >= SEVERAL:
+                out.append(Tracklet(one.first + begin, one.places[begin:end]))
+                for k in range(begin, end):
+                    taken.setdefault(one.first + k, []).append(np.append(one.places[k], wide))
+    return out
+
+
 def belonging(
-    tracklets: Sequence[Tracklet], marker: int, radius: float, room: float, sure: float
-) -> list[tuple[Tracklet, float]]:
-    """Things that are a marker, and how sure that is.
+    tracklets: Sequence[Tracklet], marker: int, radius: float, motion: Motion, room: float, sure: float
+) -> list[Tracklet]:
+    """Things that are a marker.
 
     Args:
         tracklets: Things of its colors, and stretches in which markers are known.
         marker: Its index.
         radius: Its radius [px].
+        motion: How markers move in this film.
         room: Of all pictures, in which things may turn up [px²].
         sure: How sure it must be, from 0 to 1.
     """
-    every = [one for one in tracklets if one.marker >= 0 or len(one.places) >= SEVERAL]
-    if all(one.marker >= 0 for one in every):
+    things = _without_pieces([one for one in tracklets if one.marker < 0], radius)
+    every = [*(one for one in tracklets if one.marker >= 0), *things][:MOST]
+    if not things:
         return []
-    every = sorted(every, key=lambda one: (one.marker < 0, -len(one.places)))[:MOST]
-    worth = _worth(every, radius, room)
+    worth = _worth(every, AGREE[0] * radius, motion, room)
     _, part = connected_components(worth > 0, directed=False)
     near = np.flatnonzero(np.isin(part, [part[n] for n, one in enumerate(every) if one.marker == marker]))
     every, worth = [every[n] for n in near], worth[np.ix_(near, near)]  # nothing else has to do with it
+    of, odds = np.array([one.marker for one in every]), float(np.log(sure / (1 - sure)))
+    found = _surely_linked(worth, of, marker, odds) | _surely_linked(worth.T, of, marker, odds)
+    return [every[n] for n in sorted(found)]
+
+
+def _surely_linked(worth: Array, of: NDArray[np.int64], marker: int, odds: float) -> set[int]:
+    """Things that come after a marker, by chains of links.
+
+    Args:
+        worth: What links are worth. Shape (N, N).
+        of: Marker that each is, -1 of a thing. Shape (N,).
+        marker: The marker.
+        odds: Logarithm of how much less likely all must be in which a thing doesn't.
+    """
     best, after = _linked(worth)
-    before = {later: first for first, later in after.items()}
-    found: dict[int, float] = {}
-    for start in [n for n, one in enumerate(every) if one.marker == marker]:
-        for links, ahead in ((after, True), (before, False)):
-            chain = [start]
-            while chain[-1] in links and (len(chain) == 1 or every[chain[-1]].marker < 0):
-                chain.append(links[chain[-1]])
-            least = best
-            for cut in range(1, len(chain) if every[chain[-1]].marker in (-1, marker) else 0):
-                without = worth.copy()
-                without[np.ix_(chain[:cut], chain[cut:]) if ahead else np.ix_(chain[cut:], chain[:cut])] = 0.0
-                least = min(least, best - _linked(without)[0])
-                if least < np.log(sure / (1 - sure)):
-                    break
-                found[chain[cut]] = max(found.get(chain[cut], 0.0), least)
-    return [(every[n], float(1 / (1 + np.exp(-odds)))) for n, odds in found.items() if every[n].marker < 0]
+    known = np.flatnonzero(of == marker).tolist()
+    found: set[int] = set()
+    for start in known:
+        chain = [start]
+        while chain[-1] in after and (len(chain) == 1 or of[chain[-1]] < 0):
+            chain.append(after[chain[-1]])
+        if of[chain[-1]] in (-1, marker):
+            ways = [(thing, chain[1:at]) for at, thing in enumerate(chain) if of[thing] < 0]
+            found |= {thing for thing, way in ways if _severed(worth, of, known, thing, way, best - odds) < best - odds}
+    return found
+
+
+def _severed(worth: Array, of: NDArray[np.int64], known: list[int], thing: int, way: list[int], least: float) -> float:
+    """What links are worth in all of which no chain leads from what is known of a marker to a thing.
+
+    What lies on the way to it goes with the one or with the other, whichever is worth more; then there may be another
+    way. It isn't looked for if that is less than the least that matters.
+    """
+    own, other, every = known, [thing], np.arange(len(of))
+    while True:
+        cuts = [(own + way[:at], other + way[at:]) for at in range(len(way) + 1)]
+        without = [np.where(np.isin(every, one)[:, None] & np.isin(every, two), 0.0, worth) for one, two in cuts]
+        tried = [_linked(one) for one in without]
+        at = int(np.argmax([value for value, _ in tried]))
+        (own, other), (value, after) = cuts[at], tried[at]
+        before = {later: first for first, later in after.items()}
+        way, last = [], before.get(thing)
+        while last is not None and last not in own and of[last] < 0:
+            way.insert(0, last)
+            last = before.get(last)
+        if value < least or last not in own:
+            return value
+        way = [n for n in way if n not in other]
 
 
 def _linked(worth: Array) -> tuple[float, dict[int, int]]:
@@ -156,26 +254,59 @@ def _linked(worth: Array) -> tuple[float, dict[int, int]]:
     return float(worth[rows, columns].sum()), {first: later for first, later in pairs if worth[first, later] > 0}
 
 
-def _worth(tracklets: Sequence[Tracklet], radius: float, room: float) -> Array:
-    """Logarithm of how much likelier each goes on as each other one than that this is new; 0 for less. Shape (N, N)."""
+def _worth(tracklets: Sequence[Tracklet], noise: float, motion: Motion, room: float) -> Array:
+    """Logarithm of how much likelier each goes on as each other one than that this is new; 0 for less. Shape (N, N).
+
+    What goes on as another one saves a new thing, which is as rare as those that last as long as the shorter one. What
+    another one goes on as isn't new: this is found out by linking them, again until no fewer are new.
+    """
     markers, begin, end = np.array([(one.marker, one.first, one.last) for one in tracklets]).T
+    thing, frames = markers < 0, begin - end[:, None]
+    fits = (frames > 0) & ~(~thing & ~thing[:, None] & (markers != markers[:, None]))
+    fits &= ~((begin == 0) & (end[:, None] < 0))  # it may have been there before
+    motions = _motions(tracklets, noise, motion)
+    length = np.where(thing, end - begin + 1, np.inf)
+    lasts, new, count = length[:, None] >= length, thing, len(thing) + 1
+    worth = np.zeros_like(motions)
+    while new.sum() < count:
+        rate = (lasts & new[:, None]).sum(axis=0) + 1
+        worth = np.where(fits, np.maximum(motions - np.log(np.maximum(rate[:, None], rate) / room), 0.0), 0.0)
+        count, new = new.sum(), thing & ~np.isin(np.arange(len(thing)), list(_linked(worth)[1].values()))
+    return worth
+
+
+def _motions(tracklets: Sequence[Tracklet], noise: float, motion: Motion) -> Array:
+    """How much likelier each goes on as each other one, by place [1/px²] and velocity, than this has its velocity.
+
+    Either a velocity changes as usual, or it is anew: a bounce, a kick. That of a new thing is as those of all.
+
+    Returns:
+        Logarithm. Shape (N, N).
+    """
+    begin, end = np.array([(one.first, one.last) for one in tracklets]).T
     first, last = (np.array([one.places[at] for one in tracklets]) for at in (0, -1))
     starting = np.array([_velocity(one.places[: ENDS + 1]) for one in tracklets])
     ending = np.array([_velocity(one.places[-ENDS - 1 :]) for one in tracklets])
-    speed = np.array([_speed(one.places) for one in tracklets])
-    new, moving, frames = markers < 0, end > begin, begin - end[:, None]
-    change, noise = CHANGE * np.maximum(speed[:, None], speed), AGREE[0] * radius
-    mean = (ending[:, None] + starting) / np.maximum(moving[:, None].astype(int) + moving, 1)[..., None]
-    way = _likely(first - last[:, None] - mean * frames[..., None], noise**2 + (frames * change) ** 2)
-    longer = ((end - begin)[new] >= (end - begin)[:, None]).sum(axis=1)  # new things that last as long
-    later = np.maximum(frames, 1)
-    spread = (noise / ENDS) ** 2 + later * change**2
-    usual = np.exp(_likely(starting[:, None] - starting[new], np.diag(spread)[:, None])).mean(axis=1)
-    turn = _likely(starting - ending[:, None], spread) - np.log(np.maximum(usual, np.finfo(np.float64).tiny))
-    worth = way - np.log(later * np.maximum(longer, 1) / room) + np.where(moving & moving[:, None], turn, 0.0)
-    other = ~new & ~new[:, None] & (markers != markers[:, None])
-    unknown = (begin == 0) & (end[:, None] < 0)  # it may have been there before
-    return np.where((frames < 1) | other | unknown, 0.0, np.maximum(worth, 0.0))
+    moving, frames, blur = end > begin, begin - end[:, None], (noise / ENDS) ** 2
+    later, known, both = np.maximum(frames, 1), moving[:, None].astype(int) + moving, moving[:, None] & moving
+    own = np.sqrt(np.array([_speed(one.places) for one in tracklets]) ** 2 + blur)  # a slower one may be at rest
+    usual = float(np.sqrt((own[moving] ** 2).mean())) if moving.any() else 0.0
+    speed = np.where(known > 0, np.maximum(own[:, None], own), usual)
+    mean = (ending[:, None] + starting) / np.maximum(known, 1)[..., None]
+    off = first - last[:, None] - mean * frames[..., None]
+
+    def likely(way: Array, kept: Array) -> Array:  # shares of the way by which it is off, and of the velocity
+        turn = _likely(starting - kept[..., None] * ending[:, None], (1 - kept**2) * speed**2 / 2 + blur)
+        return _likely(off, (way * later * speed) ** 2 / 2 + noise**2) + np.where(both, turn, 0.0)
+
+    changed, anew = motion.change * later, np.ones_like(speed)
+    steady = likely(
+        np.where(known > 0, np.minimum(changed / (2 * np.maximum(known, 1)), 1.0), 1.0),
+        np.maximum(1 - changed**2 / 2, 0.0),
+    )
+    anew = np.log(motion.turns * later) + likely(anew, 0 * anew)
+    new = np.where(both, _likely(starting, np.full(len(own), usual**2 / 2 + blur)), 0.0)
+    return np.logaddexp(steady, anew) - np.log1p(motion.turns * later) - np.log(later) - new
 
 
 def _likely(off: Array, variance: Array) -> Array:

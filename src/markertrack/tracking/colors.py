@@ -40,8 +40,18 @@ class OwnColors:
         likely = own / np.maximum(own + self._last[1], 1e-12)
         return bool(len(levels)) and float(likely[levels[:, 0], levels[:, 1], levels[:, 2]].mean()) > EVEN
 
-    def peaks(self, image: Image, marker: int, radius: float) -> Array:
-        """Places where a marker's colors are and around which they aren't. Shape (P, 2)."""
+    def peaks(self, image: Image, marker: int, radius: float, places: Array) -> tuple[Array, Array]:
+        """Places where a marker's colors are and around which they aren't; how clearly they are at others, up to 1.
+
+        Args:
+            image: RGB. Shape (H, W, 3).
+            marker: Its index.
+            radius: Its radius [px].
+            places: The others, NaN where one isn't known [px]. Shape (K, 2).
+
+        Returns:
+            Shapes (P, 2), (K,).
+        """
         share = max(1, int(radius / DETAIL))
         small = cv2.resize(image, None, fx=1 / share, fy=1 / share, interpolation=cv2.INTER_AREA)
         own, size = self._own[marker], radius / share
@@ -54,7 +64,9 @@ class OwnColors:
         clear = cv2.filter2D(likely, -1, inside / inside.sum() - around / around.sum(), borderType=cv2.BORDER_REPLICATE)
         side = 4 * int(size) + 1  # markers don't overlap
         rows, columns = np.nonzero((clear == cv2.dilate(clear, np.ones((side, side), np.uint8))) & (clear > EVEN))
-        return share * np.column_stack([columns, rows]).astype(np.float64) + (share - 1) / 2
+        found = share * np.column_stack([columns, rows]).astype(np.float64) + (share - 1) / 2
+        at = np.clip(np.nan_to_num(places / share).round().astype(int), 0, np.array(clear.shape[::-1]) - 1)
+        return found, np.where(np.isfinite(places[:, 0]), clear[at[:, 1], at[:, 0]], np.nan)
 
 
 def _disc(image: Image, point: Array, radius: float) -> Image:

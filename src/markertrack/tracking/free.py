@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from markertrack.tracking.colors import OwnColors
-from markertrack.tracking.flow import RIM, Flow, Moves, Picture
+from markertrack.tracking.flow import Flow, Moves
 from markertrack.tracking.looks import LIKE, Looks, squares
 from markertrack.tracking.spots import Spots
 from markertrack.tracking.tracker import DOUBT, REASONS, Array, Image, Mask, check_order, contradict, inside
@@ -26,14 +26,10 @@ NEAR = 0.6, 2.0  # radii and px from where it was carried within which its spot 
 FAR = 1.5  # radii within which one is looked for that wasn't carried, besides how it may have moved
 NEARBY = 8.0  # radii, besides its step, within which one is looked for by its picture
 SMALL = 5.0  # px radius, below which a picture tells the place of a marker better than flow does
-SOON = 10  # frames after which a marker that was lost is only believed to be found again if it can't be another
-CARRIED = 8  # frames for which flow alone is followed
-AGAIN, LATE = 2, 5  # frames that a marker must be seen in one after the other, after it was lost, and for long
+AGAIN = 2  # frames that a marker must be seen in one after the other, after it was lost
 CLEAR = 0.65  # likeness of a spot, below which it is measured anew in its colors of now
 REPEATED = 0.02  # px that nothing moves by in a picture that repeats the last one
 SAME, SURELY = 0.75, 0.85  # correlation with its picture where it was carried to, and elsewhere
-BESIDE = 3.0  # radii from its place from which on a marker isn't in the picture of a spot
-UNLIKE = 0.5  # of a spot's contrast, by which one that stays may differ from what it was
 RATIO = 0.5  # of the distance to another marker or spot that may be meant as well
 AHEAD = 0.5  # of its step by which a marker may be beside where it is expected
 SLOWER = 0.5, 0.9  # of the speed in each frame in which it isn't seen, and of the largest one
@@ -73,16 +69,16 @@ class FreeTracker:
         """
         count = len(places)
         self._looks, self._flow, self.colors = looks, Flow(image), OwnColors(image, places, looks.radii)
-        self._places, self._last, self.radii = places.copy(), places.copy(), looks.radii
+        self._places, self.radii = places.copy(), looks.radii
         self._steps, self._fastest = np.zeros((count, 2)), np.zeros(count)
         self._doubtful = np.where(certain, 0, 1)  # frames since it was certain
-        self._jumped = ~certain  # whether it was found elsewhere than expected since then
+        self._jumped = np.zeros(count, dtype=bool)  # whether it was found elsewhere, as was another like it
+        self._rivals = np.zeros((count, count), dtype=bool)  # others that may have been what was found there
         self._lost = ~certain  # whether flow didn't carry it on since it was certain
         self._agreed = np.where(certain, AGAIN, 0)  # frames in which it was seen, one after the other
+        self._drifted = np.zeros((count, 2))  # by which the pictures taken on the way are beside the first one [px]
         self._time = time
         self.looks = {m: looks.of(np.array([m])) for m in np.flatnonzero(~certain).tolist()}
-        now = _Known(self._flow.picture, np.where(certain[:, None], places, np.nan))
-        self._known = [[now] if one else [] for one in certain]  # the first one and the last
         self.reasons = {reason: np.zeros(count, dtype=np.int64) for reason in REASONS}
 
     def turn(self) -> None:
@@ -100,9 +96,8 @@ class FreeTracker:
         self._time = time
         moves = self._flow.follow(image, self._places, self.radii, self._steps)
         carried = moves.errors < np.maximum(MOST_OFF[0], MOST_OFF[1] * self.radii)
-        carried &= (self._agreed > 0) | (self._doubtful <= CARRIED)
         there = self._places + moves.steps
-        carried &= inside(there, image) & ~self._stood(there, np.arange(len(there)))  # else it follows what is behind
+        carried &= inside(there, image)
         expected = np.where(carried[:, None], there, self._places + self._steps)
         self._looks.grow(np.where(carried, moves.growths, 1.0))
         found = self._spots(image, expected, carried, moves)
@@ -110,17 +105,15 @@ class FreeTracker:
         lost = self._doubles(positions, confidence)
         positions[lost], confidence[lost], found.chosen[lost] = np.nan, 0.0, -1
         self._agreed = np.where(confidence > DOUBT, self._agreed + 1, 0)
-        sure = self._agreed >= np.where(self._doubtful <= SOON, AGAIN, LATE)
+        sure = self._agreed >= AGAIN
         off = np.linalg.norm(positions - expected, axis=1)
         near = NEAR[0] * self.radii + NEAR[1] + AHEAD * np.hypot(*self._steps.T)
-        self._jumped |= self._lost & ((self._doubtful > SOON) | ((confidence > DOUBT) & ~(off < near)))
-        settled = sure & ~self._jumped
-        for marker in np.flatnonzero(sure & self._jumped).tolist():
-            sure[marker] = self._only(image, marker, positions, settled)
+        elsewhere = self._lost & (confidence > DOUBT) & ~(off < near)
+        self._jumped |= elsewhere & found.more
+        self._rivals |= elsewhere[:, None] & found.rivals
+        settled = sure & ~self._jumped & ~self._rivals.any(axis=1)
+        sure &= ~self._jumped & ~(self._rivals & ~settled).any(axis=1)
         self._count(positions, sure, found.alone)
-        now = _Known(self._flow.picture, np.where(sure[:, None], positions, np.nan))
-        for marker in np.flatnonzero(sure):
-            self._known[marker][1:] = [now]
         self._take(positions, confidence > DOUBT, sure, moves, carried, np.array(image.shape[1::-1]) - 1)
         for marker in np.flatnonzero(self._doubtful == 1).tolist():  # before they change by looking for it
             self.looks[marker] = self._looks.of(np.array([marker]))
@@ -139,8 +132,9 @@ class FreeTracker:
         reach = np.where(carried, NEAR[0] * self.radii + NEAR[1], far)
         spots, of = self._measured(image, squares(expected, reach + 0.5 * self.radii), carried)
         chosen, alone = np.full(len(expected), -1), np.ones(len(expected), dtype=bool)
+        more, rivals = ~alone, np.zeros((len(expected), len(expected)), dtype=bool)
         if not len(spots):
-            return _Found(spots, chosen, np.zeros(len(expected)), alone, reach)
+            return _Found(spots, chosen, np.zeros(len(expected)), alone, more, rivals, reach)
         like = self._looks.likeness(spots, self._places, np.hypot(*moves.steps.T), BLURRED * self.radii)
         away = np.linalg.norm(spots.centers - expected[:, None], axis=2)
         possible = (like > LIKE) & (away < reach[:, None]) & (of == np.arange(len(expected))[:, None])
@@ -157,12 +151,12 @@ class FreeTracker:
             same = np.linalg.norm(spots.centers - spots.centers[spot], axis=1) < self.radii[marker]
             taken = np.linalg.norm(spots.centers[:, None] - spots.centers[chosen[chosen >= 0]], axis=2)
             free = possible[marker] & (taken.min(axis=1) > self.radii[marker])
-            rivals = (possible & same).any(axis=1) & ~carried & (np.arange(len(away)) != marker)
-            others = np.concatenate([away[marker, free], away[rivals][:, spot]])
-            alone[marker] = off < RATIO * others.min(initial=np.inf)
+            rivals[marker] = (possible & same).any(axis=1) & ~carried & (np.arange(len(away)) != marker)
+            others = np.concatenate([away[marker, free], away[rivals[marker]][:, spot]])
+            alone[marker], more[marker] = off < RATIO * others.min(initial=np.inf), free.any()
         chosen[carried & ~alone] = -1
         like = np.where(chosen >= 0, like[np.arange(len(like)), chosen], 0.0)
-        return _Found(spots, chosen, like, alone, reach)
+        return _Found(spots, chosen, like, alone, more, rivals, reach)
 
     def _measured(self, image: Image, boxes: NDArray[np.int64], joint: Mask) -> tuple[Spots, NDArray[np.int64]]:
         """The spots in each marker's box, and the marker that each was found for.
@@ -175,23 +169,12 @@ class FreeTracker:
         found = [self._looks.find(image, np.where(one[:, None], boxes, 0)) for one in touching]
         of = np.repeat(np.arange(len(boxes)), [len(spots) for spots in found])
         spots = Spots(*(np.concatenate([vars(one)[name] for one in found]) for name in vars(found[0])))
-        moved = ~self._stood(spots.centers, of)
-        return Spots(*(values[moved] for values in vars(spots).values())), of[moved]
-
-    def _stood(self, places: Array, of: NDArray[np.int64]) -> Mask:
-        """Whether what is at places (P, 2) was there when their markers (P,) were known to be elsewhere. Shape (P,)."""
-        out = np.zeros(len(places), dtype=bool)
-        for one, (place, marker) in enumerate(zip(places, of, strict=True)):
-            for picture, markers in self._known[marker]:
-                near = np.linalg.norm(markers - place, axis=1) <= BESIDE * self.radii
-                if not (out[one] or near.any()):
-                    out[one] = _same(picture, self._flow.picture, place, float(self.radii[marker]))
-        return out
+        return spots, of
 
     def _seen(self, image: Image, expected: Array, carried: Mask, found: _Found) -> tuple[Array, Array]:
         """Positions and confidence by the best opinion on each marker."""
         positions, confidence = np.full_like(expected, np.nan), np.zeros(len(expected))
-        chosen, soon = found.chosen, self._doubtful <= SOON
+        chosen = found.chosen
         for m in range(len(expected)):
             place = found.spots.centers[chosen[m]] if chosen[m] >= 0 else expected[m]
             if carried[m] and not self._lost[m] and found.like[m] < CLEAR:
@@ -200,43 +183,28 @@ class FreeTracker:
                     positions[m], confidence[m], chosen[m] = again, RIGHT, -1
                     continue
             if carried[m] and chosen[m] >= 0:
-                positions[m], confidence[m] = place, CERTAIN
+                positions[m], confidence[m], self._drifted[m] = place, CERTAIN, 0.0
                 continue
             nearby = min(found.reach[m], NEARBY * self.radii[m] + np.hypot(*self._steps[m]))
             reach = NEAR[0] * self.radii[m] + 1 if carried[m] else 1.5 if chosen[m] >= 0 else nearby
             peak, score, only = self._picture(image, m, place, reach)
             own = carried[m] and not self._lost[m] and score > SAME
-            own = own and not contradict(peak, place, self.radii[m])
+            own = own and not contradict(peak - self._drifted[m], place, self.radii[m])
             if own and self.colors.are_at(image, m, place, self.radii[m]):
                 positions[m], confidence[m] = peak if self.radii[m] < SMALL else place, RIGHT
                 if score < SURELY:
                     self._looks.learn_picture(image, m, place)
+                    self._drifted[m] += place - peak
             elif chosen[m] >= 0:
                 near = np.hypot(*(place - expected[m])) < NEAR[0] * self.radii[m] + NEAR[1]
                 whole = near or found.like[m] > CLEAR  # and not a part of one that is blurred
                 positions[m], confidence[m] = place, LIKELY if score > SAME and found.alone[m] and whole else DOUBT
             elif score > SURELY:
-                again = self._looks.pick_again(image, m, peak) if soon[m] and only else None
+                again = self._looks.pick_again(image, m, peak) if only else None
                 positions[m], confidence[m] = (peak, DOUBT) if again is None else (again, LIKELY)
             elif carried[m]:
                 positions[m], confidence[m] = place, DOUBT
         return positions, confidence
-
-    def _only(self, image: Image, marker: int, positions: Array, sure: Mask) -> bool:
-        """Whether nothing else is like a marker that was lost for long, nor another like what was found of it."""
-        here, far = positions[marker], FAR * self.radii + self._fastest * self._doubtful
-        away = np.linalg.norm(here - self._last, axis=1)
-        reach = max(far[marker] + self.radii[marker], away[marker] / RATIO)
-        this = np.arange(len(far)) == marker
-        late = self._doubtful[marker] > SOON
-        others = ~sure & ~this & (away < far) & late
-        boxes = np.where(others[:, None], squares(here + np.zeros_like(self._last), self.radii), 0)
-        boxes[marker] = squares(self._last[[marker]], reach)[0]
-        spots, of = self._measured(image, boxes, np.zeros(len(far), dtype=bool))
-        like = self._looks.likeness(spots, self._last, np.zeros(len(far)), BLURRED * self.radii)
-        like = like[of, np.arange(len(spots))] > LIKE
-        held = np.linalg.norm(spots.centers[:, None] - positions[sure | this], axis=2) < self.radii[sure | this]
-        return not (like & ((of != marker) | ~held.any(axis=1))).any()
 
     def _picture(self, image: Image, marker: int, place: Array, reach: float) -> tuple[Array, float, bool]:
         """Where it looks most like a marker near a place (2,), how much it does, and whether only there."""
@@ -270,22 +238,9 @@ class FreeTracker:
         self._places = np.where(seen[:, None], positions, np.clip(self._places + slower, 0, size))
         self._doubtful = np.where(known, 0, self._doubtful + 1)
         self._lost = ~known & (self._lost | ~carried)
-        self._jumped &= ~known
-        self._last = np.where(known[:, None], positions, self._last)
+        self._jumped, self._rivals = self._jumped & ~known, self._rivals & ~known[:, None]
         fastest = np.maximum(SLOWER[1] * self._fastest, np.hypot(*self._steps.T))
         self._fastest = np.where(known, fastest, self._fastest)
-
-
-class _Known(NamedTuple):
-    """A frame in which the place of a marker was known.
-
-    Attributes:
-        picture: Gray. Shape (H, W).
-        places: Of all markers, NaN where that isn't known [px]. Shape (M, 2).
-    """
-
-    picture: Picture
-    places: Array
 
 
 class _Found(NamedTuple):
@@ -296,6 +251,8 @@ class _Found(NamedTuple):
         chosen: That of each marker, or -1. Shape (M,).
         like: How much it looks like it. Shape (M,).
         alone: Whether it can't be another's. Shape (M,).
+        more: Whether another one is like it where it was looked for. Shape (M,).
+        rivals: Markers that each one's spot may be as well. Shape (M, M).
         reach: How far from where it was expected each was looked for [px]. Shape (M,).
     """
 
@@ -303,13 +260,6 @@ class _Found(NamedTuple):
     chosen: NDArray[np.int64]
     like: Array
     alone: Mask
+    more: Mask
+    rivals: Mask
     reach: Array
-
-
-def _same(first: Picture, second: Picture, place: Array, radius: float) -> bool:
-    """Whether two pictures show the same around a place (2,)."""
-    left, top = np.maximum(np.round(place - RIM * radius).astype(int), 0).tolist()
-    right, bottom = (np.round(place + RIM * radius).astype(int) + 1).tolist()
-    one, other = (picture[top:bottom, left:right].astype(float) for picture in (first, second))
-    contrast = max(float(one.std()), float(other.std()))
-    return bool(one.size) and float((one - other).std()) < UNLIKE * contrast

@@ -82,9 +82,11 @@ class MarkerTracker:
             doubled = self._doubled(places, tracker.radii, positions, np.where(confidence > DOUBT, self.radii, np.nan))
             positions[of], confidence[of] = places, np.where(doubled, np.minimum(sure, DOUBT), sure)
         if len(self._rigid):
-            self._leave_soft(image, positions, confidence, time)
+            soft = [part for part in self._bodies.soft() if (confidence[self._rigid[part]] > DOUBT).mean() <= FOUND]
             for part in self._bodies.parts():
                 self._ask_flow(image, time, part, positions, confidence)
+            for part in soft:  # only now, with what flow knows of those that the body lost
+                self._leave(image, time, part, positions, confidence)
         both = (confidence > DOUBT) & (self._last.confidence > DOUBT)
         steps = np.where(both[:, None], positions - self._last.positions, self._last.steps)
         self._last = _Frame(image, time, positions.copy(), confidence.copy(), steps)
@@ -130,16 +132,13 @@ class MarkerTracker:
         near = np.linalg.norm(places[:, None] - others, axis=2) < APART * (radii[:, None] + known)
         return near.any(axis=1)
 
-    def _leave_soft(self, image: Image, positions: Array, confidence: Array, time: float) -> None:
-        """Leaves bodies that don't keep their shape to flow, when many of their markers aren't found any longer."""
-        for part in self._bodies.soft():
-            of, free = self._rigid[part], FreeTracker()
-            certain = confidence[of] > DOUBT
-            if certain.mean() > FOUND:
-                continue
-            looks, expected = self._bodies.leave(part)
-            free.take_over(image, looks, np.where(certain[:, None], positions[of], expected), certain, time)
-            self._parts.append((free, of))
+    def _leave(self, image: Image, time: float, part: NDArray[np.int64], positions: Array, confidence: Array) -> None:
+        """Leaves a body to flow that doesn't keep its shape, and of which many markers aren't found any longer."""
+        of, free = self._rigid[part], FreeTracker()
+        certain = confidence[of] > DOUBT
+        looks, expected = self._bodies.leave(part)
+        free.take_over(image, looks, np.where(certain[:, None], positions[of], expected), certain, time)
+        self._parts.append((free, of))
 
 
 class _Frame(NamedTuple):
