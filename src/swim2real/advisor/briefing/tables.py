@@ -165,10 +165,21 @@ def marker_columns(facts: RoundFacts) -> list[Column]:
     if any(marker.ahead is not None for marker in facts.here.markers):
         said = "`phase`: simulated minus real, above 0 where the simulated one is ahead."
         columns.append(Column("phase deg", lambda marker: number(marker.ahead, 0, signed=True), said))
+    if facts.beats and len(facts.here.trials) > 1:
+        said = (
+            "`most shape`: its largest error in shape and the trial; one that stands out may be swapped or bent there."
+        )
+        columns.append(Column("most shape mm", lambda m: _most_shape(m, facts.here.trials), said))
     if any(marker.offset for marker in facts.here.markers):
         said = f"`offset`: by how much its mean place differs, simulated minus real: {facts.axes.directions}."
         columns.append(Column("offset mm", lambda m: pair(m.offset, 1), said))
     return columns
+
+
+def _most_shape(marker: MarkerFacts, trials: Sequence[TrialFacts]) -> str:
+    errors = [(one.shape_error, trial.name) for trial in trials for one in trial.markers if one.name == marker.name]
+    known = [(error, name) for error, name in errors if error is not None]
+    return f"{mm(max(known)[0])} {max(known)[1]}" if known else NOTHING
 
 
 def marker_grid(facts: RoundFacts) -> tuple[str, str] | None:
