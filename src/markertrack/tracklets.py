@@ -112,7 +112,7 @@ class Things:
         self._clear += [float(clear[0])] if np.isfinite(clear[0]) else []
         least = EVEN * np.mean(self._clear or [1.0])
         places = np.concatenate([spots[clear[1:] > least], places])
-        free = (np.linalg.norm(places[:, None] - taken, axis=2) < apart).sum(axis=1) == 0
+        free = ~(np.linalg.norm(places[:, None] - taken, axis=2) < apart).any(axis=1)
         for k in np.flatnonzero(free).tolist():  # markers don't overlap
             free[k] = (np.linalg.norm(places[:k][free[:k]] - places[k], axis=1) > 2 * self.radius).all()
         places = places[free]

@@ -133,7 +133,6 @@ class Stepper:
         self._surge = [int(model.joint(name).dofadr[0]) for name in robot.swims.surge_joints]
         (self._drive,) = robot.trials.controls.values()
         self._speed, self._angle, self._motor = motor_speed, motor_angle, None
-        self.turns_begun = motor_angle / (2 * np.pi)
         if robot.swims.motor_joint is not None:
             motor = model.joint(robot.swims.motor_joint)
             self._motor = int(motor.qposadr[0])
@@ -141,6 +140,11 @@ class Stepper:
             self._data.qvel[motor.dofadr[0]] = motor_speed
         self._data.qvel[self._surge[0]] = -speed  # the robot points its head toward -x
         self.timestep = float(model.opt.timestep)
+
+    @property
+    def turns_begun(self) -> float:
+        """Turns of the motor, or beats of the servo, with which it began."""
+        return self._angle / (2 * np.pi)
 
     @property
     def state(self) -> Array:
