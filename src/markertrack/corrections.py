@@ -21,16 +21,14 @@ from markertrack.points import Anchor
 from markertrack.quality import DOUBTFUL
 from markertrack.track import MarkerTrack
 from markertrack.tracking.free import APART
-from markertrack.tracking.tracker import DOUBT, Array, Mask
+from markertrack.tracking.tracker import AGREE, DOUBT, Array, Mask
 
 GAP = 5  # frames between two failures of a marker that are one stretch
 OVERLAP = 0.5  # share of their common time in which two markers of one stretch fail at once
 NEAR = 1.25  # times the usual spacing of markers, within which those of one stretch lie
 NEIGHBORS = 3  # markers with which a lost one is expected to move on
 _SAMPLES = 50  # frames that tell how far apart markers are
-CLICK_PX, MOST_CLICK_PX = 2.0, 6.0  # by which a click that confirms a place may be off it, at least and at most
-CLICK_SHARE = 0.05  # of the markers' usual spacing, likewise
-JUMP_SHARE = 0.4  # of that spacing by which the velocity of a marker may change per frame
+JUMP_SHARE = 0.4  # of the markers' usual spacing, by which the velocity of a marker may change per frame
 MEANWHILE = 5  # frames that a click is believed against the track, on each side, where it says that a marker is hidden
 
 
@@ -140,7 +138,7 @@ def gaps_to_correct(
         for m in np.flatnonzero(np.isfinite(anchor.points[:, 0])).tolist():
             off = np.hypot(*(positions[anchor.frame, m] - anchor.points[m]))
             same = np.flatnonzero(np.asarray(bodies) == bodies[m])
-            if len(same) > 1 and off < max(CLICK_PX, min(CLICK_SHARE * apart, MOST_CLICK_PX)):
+            if len(same) > 1 and off < AGREE[1]:
                 part = _steady(positions[:, m], seen[:, m] & ~sure[:, m], anchor.frame, JUMP_SHARE * apart)
                 sure[part, same[:, None]] |= seen[part, same[:, None]]
                 continue

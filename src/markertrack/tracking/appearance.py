@@ -2,8 +2,7 @@
 
 Each pixel is given its coverage: the share of it that a marker covers, 0 on the body and in the water, 1 on a marker.
 Coverage is a polynomial of the color, fitted to discs drawn at the known points, so it is right for a light body and
-dark water, for colored markers and for the mixed colors at a marker's edge alike. Colors that were never seen, such as
-glare, count as none.
+dark water, for colored markers and for the mixed colors at a marker's edge alike.
 """
 
 from __future__ import annotations
@@ -20,16 +19,12 @@ from swimbase.errors import TrackingError
 
 BITS = 6  # of each color that the table of coverage keeps
 SURROUNDINGS = 3.0  # radii around a marker that its color is told apart from
-FORGET = 0.9  # of what was learned, at each relearning
 KEEP_FIRST = 0.5  # share of the first frame in what is known, for good
 INNER_EDGE = 0.4  # of the largest change of color, from which an edge further inside is a marker's
 FEW = 3  # markers of which each may have a radius of its own
 UNEQUAL = 0.7  # by which the logarithm of a marker's radius easily differs from the usual one's
 LONE_GAP = 80.0  # px to the next marker that is assumed where there is none: it tells how large one may be
-UNKNOWN_COLOR = 25.0  # squared distance (Mahalanobis) from the colors seen, above which a color is unknown
-SURE_CONTRAST = 0.8  # below it on average, the first guess of the radius is doubted
 LEAST_CONTRAST = 0.35  # coverage of a marker's inside above its surroundings
-SHARPEN = 1.6  # of coverage about one half, so that what compression does to colors counts for less
 _LEAST_COVERAGE = 0.15  # below it a pixel is noise
 _RADII = 1.12 ** np.arange(32) * 1.5
 _SURE_ROUNDS, _ROUNDS = 3, 4
@@ -160,12 +155,6 @@ class Appearance:
             TrackingError: What is at the points doesn't differ from what is around them.
         """
         self._fitted(image, points, radius_at(image, points))
-        if self.contrast.mean() < SURE_CONTRAST:  # the radius may have been the body's: begin with other ones, too
-            fits = [dict(vars(self))]
-            for share in (0.2, 0.35):
-                self._fitted(image, points, share * _typical_gap(points))
-                fits.append(dict(vars(self)))
-            vars(self).update(max(fits, key=lambda state: float(state["contrast"].mean())))
         bad = np.flatnonzero(self.contrast < LEAST_CONTRAST)
         if len(bad) > len(points) // 3:
             listed = ", ".join(f"({x:.0f}, {y:.0f})" for x, y in points[bad[:3]])
@@ -179,8 +168,7 @@ class Appearance:
         self.points, self.radius = points.copy(), radius
         for sure in (*(True,) * _SURE_ROUNDS, *(False,) * _ROUNDS):
             self._first: tuple[Array, ...] = _moments(image, self.points, self.radius, CLICK_ERROR if sure else 0.0)
-            self._known = self._first
-            self._rebuild()
+            self._rebuild(self._first)
             # as far as the points may be off, but not nearer to another marker
             reaches = np.full(len(points), 1.3 * self.radius + 2.0)
             moved, shares = discs(image, self.table, self.points, reaches, self.points, self.radius)
@@ -201,23 +189,12 @@ class Appearance:
             image: RGB. Shape (H, W, 3).
             points: Positions of the markers that were found with certainty [px]. Shape (K, 2).
         """
-        new = _moments(image, points, self.radius)
-        self._known = tuple(FORGET * a + (1 - FORGET) * b for a, b in zip(self._known, new, strict=True))
-        self._rebuild()
+        self._rebuild(_moments(image, points, self.radius))
 
-    def _rebuild(self) -> None:
-        matrix, target, mean, square = (
-            KEEP_FIRST * a + (1 - KEEP_FIRST) * b for a, b in zip(self._first, self._known, strict=True)
-        )
+    def _rebuild(self, now: tuple[Array, ...]) -> None:
+        matrix, target = (KEEP_FIRST * a + (1 - KEEP_FIRST) * b for a, b in zip(self._first, now, strict=True))
         weights = np.linalg.solve(matrix + _RIDGE * np.diag(np.diag(matrix) + 1e-9), target)
-        colors, features = _palette()
-        coverage = features @ weights
-        covariance = square - np.outer(mean, mean) + np.diag(np.full(3, 1e-4))
-        off = colors - mean
-        distance = np.einsum("ij,jk,ik->i", off, np.linalg.inv(covariance), off)
-        known = np.clip(2 - distance / UNKNOWN_COLOR, 0.0, 1.0)
-        sharp = 0.5 + (coverage - 0.5) * SHARPEN
-        self.table = (np.clip(sharp, 0.0, 1.0) * known).astype(np.float32)
+        self.table = np.clip(_palette() @ weights, 0.0, 1.0).astype(np.float32)
 
 
 def _features(colors: Array) -> Array:
@@ -228,21 +205,21 @@ def _features(colors: Array) -> Array:
 
 
 @cache
-def _palette() -> tuple[Array, Array]:
-    """Every color of the table and its features, 48 MB: made by the first tracker, not by whoever imports this."""
+def _palette() -> Array:
+    """Features of every color of the table, 42 MB: made by the first tracker, not by whoever imports this."""
     levels = (np.arange(2**BITS) + 0.5) / 2**BITS
     colors = np.stack(np.meshgrid(levels, levels, levels, indexing="ij"), axis=-1).reshape(-1, 3)
-    return colors, _features(colors)
+    return _features(colors)
 
 
-def _moments(image: Image, points: Array, radius: float, unsure: float = 0.0) -> tuple[Array, Array, Array, Array]:
-    """What a fit of coverage needs: of the polynomial with itself and with the discs, mean and square of the colors.
+def _moments(image: Image, points: Array, radius: float, unsure: float = 0.0) -> tuple[Array, Array]:
+    """What a fit of coverage needs: products of the polynomial with itself and with the discs.
 
     Where points may be off by `unsure` [px], only pixels count that are on or off a marker all the same.
     """
     reach = int(np.ceil(SURROUNDINGS * radius + 2 * unsure)) + 1
     matrix, target = np.zeros((20, 20)), np.zeros(20)
-    mean, square, total = np.zeros(3), np.zeros((3, 3)), 0.0
+    total = 0.0
     for point in points:
         window, grid = _cut(image, point, reach)
         if window.size == 0:
@@ -259,11 +236,9 @@ def _moments(image: Image, points: Array, radius: float, unsure: float = 0.0) ->
         features = _features(colors)
         matrix += (features * weights[:, None]).T @ features
         target += (features * weights[:, None]).T @ wanted
-        mean += weights @ colors
-        square += (colors * weights[:, None]).T @ colors
         total += float(weights.sum())
     total = max(total, 1e-12)
-    return matrix / total, target / total, mean / total, square / total
+    return matrix / total, target / total
 
 
 @njit(cache=True, nogil=True, inline="always")

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markertrack.tracking.body import AGAIN_FRAMES, FORGET, STIFF, Body, distance
+from markertrack.tracking.free import BLURRED, NEARBY
 from markertrack.tracking.looks import LIKE, Looks, squares
 from markertrack.tracking.rigid import Expected, Labeling, label, rigid_fit
 from markertrack.tracking.spots import Spots, streaks
@@ -24,11 +25,9 @@ CLEAR, MANY, SOON_FRAMES = 20.0, 5, 1  # lead with which a body of many markers,
 WHOLE = (0.72, 1.4)  # area of a spot, as a share of a marker's, that is neither partly hidden nor more than one
 FEW = 0.4  # of the markers of a body that was lost, with fewer of which it isn't found again
 FAR = 4.0  # times how far a body may easily be from where it is expected: a push, or a mistake
-BLURRED = 0.7  # radii of a streak, above what its motion explains, that tell that it moved farther
 LIKELIER = 1.0  # lead with which one or two markers are believed again in time, if they look as they did
 LEAST_LIKE = 0.3  # likeness of a spot that is certain to be the marker
 FEWEST = 0.25  # of a body's markers that may have no streak where the body is blurred
-MOST_REACH = 8.0  # radii within which a marker is looked for by its picture
 FAINT = 4.0  # radii of a streak, of which the ends are too faint to be seen
 ADAPT_TIME, ADAPT_WAY = 1.0, 200.0  # s and px over which a body's shape in the picture changes: perspective, lens
 SOFT = 1.0  # radii by which the shape of a body of many markers changed that isn't rigid
@@ -176,7 +175,7 @@ class BodyTracker:
             reach = one.tolerance + 1.0
             if not good.any() or (len(labels) < 3 and distance(laid, one.places) > 2 * one.usual):
                 good[:], laid = False, one.places
-                reach = min(one.near, one.tolerance + 2 * one.usual, MOST_REACH * self._radius(body))
+                reach = min(one.near, one.tolerance + 2 * one.usual, NEARBY * self._radius(body))
             for m in np.flatnonzero(~good & inside(laid, image)):
                 markers.append(int(body.markers[m]))
                 places.append(laid[m])

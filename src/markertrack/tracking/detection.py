@@ -12,23 +12,18 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter, uniform_filter
 
 from markertrack.tracking.appearance import Appearance, contrasts, covered, discs
-from markertrack.tracking.matching import LEAST_PARTS, LEAST_SEEN, Chain, filled, gaps_of, match
+from markertrack.tracking.free import APART
+from markertrack.tracking.matching import MOST, Chain, filled, gaps_of, match
 from markertrack.tracking.tracker import Array, Image, Mask, check_order, check_points, inside
 from swimbase.errors import TrackingError
 
-LEAST_CONFIDENCE, LEAST_AGAIN = 0.4, 0.6  # below it a marker is lost, and isn't found again
-RELEARN_TIME = 0.2  # s between two looks at how the light has changed
-ADAPT_TIME = 0.7  # s over which lengths between markers may drift: parallax, a body that bends
-SEARCH_TIME = 0.1  # s without the robot, after which it is searched for in the whole frame
-LEAST_SHARE, MOST_SHARE = 0.75, 1.5  # of what a marker usually covers of its disc
-CROWDED = 2.2  # radii between the places of markers that may be one blob
-GOOD_QUALITY = 0.5  # of a blob that should be a marker
+LEAST_MARKERS = 3  # of a chain that is tracked
+LIKELY = 0.5  # share of the usual contrast above which something is rather a marker than not
+MEANWHILE = 0.2  # s in which light and lengths may change, or the robot is somewhere else
+SAME_AREA = 1.5  # times more or less than usual that a marker may cover of its disc
 MANY = 2  # markers that must be missing, and blobs left over, before the whole body is fitted anew
-MERGED = 0.7  # radii between two markers, below which their places in one blob are a guess
-LOST_TRUST = 0.25  # of a lost marker's predicted place, against that of one that was seen
 BLUR_SHARE = 0.25  # of a marker's step that blurs it to each side: a shutter that is open half of the time
 _DETAIL = 4.0  # px radius at which blobs are searched for: larger markers are looked at in less detail
-_LEAST_RESPONSE = 0.10
 _MOST_BLOBS = 80
 _HISTORY = 3
 _OVERLAP_ROUNDS = 4
@@ -43,8 +38,8 @@ class DetectionTracker:
 
     def start(self, image: Image, points: Array, time: float) -> tuple[Array, Array]:
         """Learns what the markers look like."""
-        if len(points) < LEAST_SEEN:
-            raise TrackingError(f"{len(points)} points were given; the tracker needs {LEAST_SEEN} markers or more")
+        if len(points) < LEAST_MARKERS:
+            raise TrackingError(f"{len(points)} points were given; the tracker needs {LEAST_MARKERS} markers or more")
         check_points(image, points)
         self._look = Appearance(image, points)
         positions = self._look.points
@@ -56,7 +51,7 @@ class DetectionTracker:
         self._lost_since = np.full(count, -np.inf)
         self._learned, self._seen_at = time, time
         confidence = np.clip(self._look.contrast / max(float(np.median(self._look.contrast)), 1e-9), 0.0, 1.0)
-        confidence[(confidence < LEAST_CONFIDENCE) | (gaps_of(positions) < MERGED * self._look.radius)] = 0.0
+        confidence[(confidence < LIKELY) | (gaps_of(positions) < 2 * APART * self._look.radius)] = 0.0
         positions = np.where(confidence[:, None] > 0, positions, np.nan)
         self._remember(positions, time)
         self._interval = 0.0
@@ -68,9 +63,9 @@ class DetectionTracker:
         self._interval = time - self._times[-1]
         predicted = self._predicted(time)
         result = self._in_region(image, predicted, time)
-        if np.isfinite(result[0][:, 0]).sum() < 2 and time - self._seen_at > SEARCH_TIME:
+        if np.isfinite(result[0][:, 0]).sum() < 2 and time - self._seen_at > MEANWHILE:
             size = np.array(image.shape[1::-1], dtype=float)
-            result = self._whole(image, predicted, *self._blobs(image, np.zeros(2), size))
+            result = self._whole(image, self._blobs(image, np.zeros(2), size)[0])
         positions, confidence = result
         self._remember(positions, time)
         self._adapt(image, positions, confidence, time)
@@ -82,15 +77,14 @@ class DetectionTracker:
         doubt = 1.5 * radius + 3 + 0.35 * self._steps() + 150 * radius / 8 * np.minimum(lost_for, 1.0)
         reach = float(3 * radius + 2 * np.median(doubt) + min(doubt.max(), 200.0))
         blobs, quality = self._blobs(image, predicted.min(axis=0) - reach, predicted.max(axis=0) + reach)
-        trust = np.where(np.isfinite(self._tracks[-1][:, 0]), 1.0, LOST_TRUST)
-        chosen, places = match(predicted, doubt, trust, blobs, quality)
+        chosen, places = match(predicted, doubt, blobs, quality)
         result = self._measured(image, chosen, blobs, places)
         seen = result[0][np.isfinite(result[0][:, 0])]
-        good = blobs[quality > GOOD_QUALITY]
+        good = blobs[quality > LIKELY]
         strange = np.linalg.norm(good[:, None] - seen[None], axis=2).min(axis=1, initial=np.inf) > 1.5 * radius
         if len(predicted) - len(seen) >= MANY and strange.sum() >= MANY:
             # markers are missing and blobs are left over: another way to see it may explain more
-            other = self._whole(image, predicted, blobs, quality)
+            other = self._whole(image, blobs)
             if np.isfinite(other[0][:, 0]).sum() >= len(seen) + MANY:
                 return other
         return result
@@ -103,7 +97,7 @@ class DetectionTracker:
         seeds = np.where(chosen[:, None] >= 0, blobs[chosen], places) if len(blobs) else places.copy()
         # of markers that overlap in the picture only one blob may be left: each is looked for at its place
         apart = np.linalg.norm(places[:, None] - places[None], axis=2) + np.where(np.eye(count), np.inf, 0.0)
-        crowded = (apart < CROWDED * radius) & ((chosen < 0)[:, None] | (chosen < 0))
+        crowded = (apart < 2 * radius) & ((chosen < 0)[:, None] | (chosen < 0))
         crowded = crowded.any(axis=1) & inside(places, image)
         seeds[crowded] = places[crowded]
         seen = np.flatnonzero((chosen >= 0) | crowded)
@@ -122,16 +116,15 @@ class DetectionTracker:
         confidence = np.minimum(contrast / self._usual, 1.0)
         # part of a marker has its center elsewhere
         size = self._share / self._shares
-        confidence[(size < LEAST_SHARE) | (size > MOST_SHARE)] = 0.0
-        known = np.isfinite(self._tracks[-1][:, 0])
-        positions[confidence < np.where(known, LEAST_CONFIDENCE, LEAST_AGAIN)] = np.nan
         with np.errstate(invalid="ignore"):
-            positions[gaps_of(positions) < MERGED * radius] = np.nan
+            positions[gaps_of(positions) < 2 * APART * radius] = np.nan  # their places in one blob are a guess
+        positions[(confidence < LIKELY) | (size < 1 / SAME_AREA) | (size > SAME_AREA)] = np.nan
         positions[self._chain.strained(self._chain.strain(positions, self._slack), count)] = np.nan
         strain = self._chain.strain(positions, self._slack)
         if not whole:
+            known = np.isfinite(self._tracks[-1][:, 0])
             positions[self._chain.unsupported(np.isfinite(positions[:, 0]), known, strain)] = np.nan
-        elif np.isfinite(positions[:, 0]).sum() < LEAST_PARTS:
+        elif np.isfinite(positions[:, 0]).mean() <= MOST:
             positions[:] = np.nan
         confidence[~np.isfinite(positions[:, 0])] = 0.0
         # a length that is nearly off casts doubt on both ends
@@ -152,7 +145,7 @@ class DetectionTracker:
         size = max(3, 2 * int(0.6 * radius / step) + 1)
         inner = uniform_filter(uniform_filter(coverage, size, mode="nearest"), 3, mode="nearest")
         response = inner - uniform_filter(coverage, 2 * size + 3, mode="nearest")
-        peaks = (response >= maximum_filter(response, max(3, size - 2))) & (response > _LEAST_RESPONSE)
+        peaks = (response >= maximum_filter(response, max(3, size - 2))) & (response > 0)
         rows, columns = np.nonzero(peaks)
         best = np.argsort(-response[rows, columns])[:_MOST_BLOBS]
         blobs = np.stack([columns[best], rows[best]], axis=1) * step + (step - 1) / 2 + np.array([left, top])
@@ -160,14 +153,15 @@ class DetectionTracker:
         reaches = np.full(len(blobs), radius)
         blobs, _ = discs(image, self._look.table, blobs, reaches, blobs, radius)
         quality = contrasts(image, self._look.table, blobs, reaches) / float(np.median(self._usual))
-        keep = quality > LEAST_CONFIDENCE / 2
+        keep = quality > LIKELY / 2
         return blobs[keep], np.minimum(quality[keep], 1.0)
 
-    def _whole(self, image: Image, predicted: Array, blobs: Array, quality: Array) -> tuple[Array, Array]:
+    def _whole(self, image: Image, blobs: Array) -> tuple[Array, Array]:
         """Fits the whole body to the blobs, wherever it was expected."""
-        chosen = self._chain.fit(predicted, blobs, quality, self._slack)
+        count = len(self._shapes)
+        chosen = self._chain.fit(count, blobs, self._slack)
         if (chosen < 0).all():
-            return np.full_like(predicted, np.nan), np.zeros(len(predicted))
+            return np.full((count, 2), np.nan), np.zeros(count)
         places = filled(np.where(chosen[:, None] >= 0, blobs[chosen], np.nan), self._shapes)
         return self._measured(image, chosen, blobs, places, whole=True)
 
@@ -211,8 +205,8 @@ class DetectionTracker:
 
     def _adapt(self, image: Image, positions: Array, confidence: Array, time: float) -> None:
         sure = confidence > 0.7
-        self._chain.adapt(positions, sure, min(1.0, self._interval / ADAPT_TIME))
-        if time - self._learned >= RELEARN_TIME and sure.sum() > len(sure) // 2:
+        self._chain.adapt(positions, sure, min(1.0, self._interval / MEANWHILE))
+        if time - self._learned >= MEANWHILE and sure.sum() > len(sure) // 2:
             self._learned = time
             self._look.learn(image, positions[sure])
             radii = self._look.radius + BLUR_SHARE * self._steps()[sure]

@@ -1,8 +1,8 @@
 """Which of the blobs in a frame is which marker: predicted places, corrected together, and lengths along the body.
 
-Markers move together, so what a prediction misses is nearly the same for neighbors. First one shift for all is found by
-vote, then a correction that varies smoothly along the body; only then is each marker given the blob at its place. Blobs
-that would stretch or shrink the body are refused.
+Markers move together, so what a prediction misses is nearly the same for neighbors: each marker is given the blob at
+its place, then all places are corrected by what varies smoothly along the body, and so on. Blobs that would stretch or
+shrink the body are refused.
 
 When this has lost the thread, the whole body is fitted to the blobs (`Chain.fit`).
 """
@@ -15,16 +15,8 @@ from scipy.optimize import linear_sum_assignment
 
 from markertrack.tracking.tracker import Array, Mask
 
-GATE_SHARE = 0.45  # of the distance to the next marker: how far from its place a blob may be
-LINK_SHARES = (0.15, 0.22)  # by which the distance of neighbors, and of next neighbors, may be off
-SUPPORT = 0.6  # of the strain that is allowed, at most, to vouch for a marker that reappears
-LEAST_GROUP = 4  # markers that may reappear without another that was seen
-LEAST_SEEN = 3  # markers, for a correction along the body
-MISSED = 2.0  # cost of a marker without a blob; a length that is off by all that is allowed costs 1
-POOR = 1.0  # cost of a blob of quality 0
-FAR = 1.0  # cost of a place that is off by the length of the body
-LEAST_PARTS = 5  # markers that must be found for a body to be believed
-SHORTEST_CHORD, LONGEST_CHORD = 0.5, 1.05  # of the way along the body, between markers with others left out between
+LINK_SHARE = 0.2  # by which the distance of neighbors, and of next neighbors, may be off
+MOST = 0.5  # share of its markers of which more must be found for a body to be believed
 _ROUNDS = 3
 _FAR = 1e6
 
@@ -35,15 +27,12 @@ def gaps_of(points: Array) -> Array:
     return np.nan_to_num(distances + np.where(np.eye(len(points)), np.inf, 0.0), nan=np.inf).min(axis=1)
 
 
-def match(
-    predicted: Array, doubt: Array, trust: Array, blobs: Array, quality: Array
-) -> tuple[NDArray[np.int64], Array]:
+def match(predicted: Array, doubt: Array, blobs: Array, quality: Array) -> tuple[NDArray[np.int64], Array]:
     """Gives each marker a blob or none.
 
     Args:
         predicted: Places that markers should be at [px]. Shape (M, 2).
         doubt: How far off each one may be beyond what markers have in common [px]. Shape (M,).
-        trust: How much each one says about what they have in common, from 0 to 1. Shape (M,).
         blobs: Places of the blobs in the frame [px]. Shape (P, 2).
         quality: Quality of the blobs, from 0 to 1. Shape (P,).
 
@@ -53,16 +42,15 @@ def match(
     count = len(predicted)
     if len(blobs) == 0:
         return np.full(count, -1), predicted
-    gates = np.minimum(doubt, GATE_SHARE * gaps_of(predicted) + 1.0)
-    reach = float(3 * np.median(doubt))
-    places = predicted + _common_shift(predicted, np.maximum(gates, 2.0), trust, blobs, quality, reach)
+    gates = np.minimum(doubt, gaps_of(predicted) / 2 + 1.0)  # else another marker is nearer
+    places = predicted
     along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(predicted, axis=0), axis=1))])
     along = 2 * along / max(along[-1], 1e-9) - 1
     chosen = np.full(count, -1)
     for degree in range(_ROUNDS):
         chosen = _assigned(places, gates, blobs, quality)
         seen = np.flatnonzero(chosen >= 0)
-        if len(seen) < LEAST_SEEN:
+        if len(seen) < 2:
             break
         places = predicted + _smooth(along, seen, blobs[chosen[seen]] - predicted[seen], min(degree, len(seen) - 2))
     chosen = _assigned(places, gates, blobs, quality)
@@ -72,17 +60,6 @@ def match(
         places = np.where(chosen[:, None] >= 0, places, filled(known, predicted))
         chosen = _assigned(places, gates, blobs, quality)
     return chosen, places
-
-
-def _common_shift(predicted: Array, gates: Array, trust: Array, blobs: Array, quality: Array, reach: float) -> Array:
-    """The shift that brings most markers onto blobs. Shape (2,)."""
-    between = blobs[None] - predicted[:, None]  # (M, P, 2)
-    shifts = between.reshape(-1, 2)
-    shifts = np.concatenate([np.zeros((1, 2)), shifts[np.linalg.norm(shifts, axis=1) < reach]])
-    off = np.linalg.norm(between[None] - shifts[:, None, None], axis=3)  # (S, M, P)
-    hits = (quality * np.exp(-0.5 * (off / (0.5 * gates[:, None])) ** 2)).max(axis=2) @ trust
-    likely = np.exp(-0.5 * (np.linalg.norm(shifts, axis=1) / reach) ** 2)
-    return shifts[int(np.argmax(hits * (0.5 + 0.5 * likely)))]
 
 
 def _smooth(along: Array, seen: NDArray[np.int64], off: Array, degree: int) -> Array:
@@ -179,9 +156,8 @@ class Chain:
             points: Positions, NaN for markers that aren't seen [px]. Shape (M, 2).
             slack: Error of a length that is allowed in any case [px].
         """
-        shares = np.array(LINK_SHARES)[self.pairs[:, 1] - self.pairs[:, 0] - 1]
         off = np.abs(self._distances(points) - self.lengths)
-        return np.nan_to_num(off / (shares * self.lengths + slack))
+        return np.nan_to_num(off / (LINK_SHARE * self.lengths + slack))
 
     def strained(self, strain: Array, count: int) -> Mask:
         """Markers that have to go until all lengths along the body are as usual. Shape (M,).
@@ -215,12 +191,12 @@ class Chain:
         sure = seen & known
         if not sure.any():
             sound = seen.copy()
-            a, b = self.pairs[strain > SUPPORT].T
+            a, b = self.pairs[strain > 1].T
             sound[a] = sound[b] = False
-            return seen & ~(sound if sound.sum() >= max(LEAST_GROUP, len(seen) // 2) else np.zeros_like(seen))
+            return seen & ~(sound if sound.mean() > MOST else np.zeros_like(seen))
         while True:
             a, b = self.pairs.T
-            good, bad = strain <= SUPPORT, strain > SUPPORT
+            good, bad = strain <= 1, strain > 1
             vouched, refused = np.zeros_like(seen), np.zeros_like(seen)
             for end, other in ((a, b), (b, a)):
                 vouched[end[good & sure[other] & seen[end]]] = True
@@ -230,61 +206,56 @@ class Chain:
                 return seen & ~sure
             sure |= more
 
-    def fit(self, predicted: Array, blobs: Array, quality: Array, slack: float) -> NDArray[np.int64]:
+    def fit(self, count: int, blobs: Array, slack: float) -> NDArray[np.int64]:
         """Gives the markers blobs in the order of the body, wherever they were expected.
 
         The markers keep their order and their distances along the body. Of all ways to give some of them a blob in
         this order, the one is taken that leaves fewest markers out and strains the distances least; dynamic programming
-        finds it. Where the markers were a moment ago counts for little, so it recovers from a wrong prediction or a
-        long occlusion.
+        finds it. Where the markers were a moment ago doesn't count, so it recovers from a wrong prediction or a long
+        occlusion.
 
         Args:
-            predicted: Where the markers might be [px]. Shape (M, 2).
+            count: Number of markers.
             blobs: Places of the blobs in the frame [px]. Shape (P, 2).
-            quality: Quality of the blobs, from 0 to 1. Shape (P,).
             slack: Error of a length that is allowed in any case [px].
 
         Returns:
             Index of each marker's blob, -1 for none; all -1 when no body is found. Shape (M,).
         """
-        count, number = len(predicted), len(blobs)
+        number = len(blobs)
         nothing = np.full(count, -1)
-        least = max(LEAST_PARTS, int(np.ceil(0.5 * count)))
-        if count < 3 or number < least:
+        if number <= MOST * count:
             return nothing
-        neighbors = self.lengths[0::2]
-        body = float(neighbors.sum())
         away = np.linalg.norm(blobs[:, None] - blobs[None], axis=2)  # (P, P)
-        own = FAR * (np.linalg.norm(predicted[:, None] - blobs[None], axis=2) / body) ** 2 + POOR * (1 - quality)
-        best = own + MISSED * np.arange(count)[:, None]  # cost up to here with all markers before left out
+        # cost up to here with all markers before left out: each costs as much as a length that is off by all it may be
+        best = np.repeat(np.arange(count, dtype=float)[:, None], number, axis=1)
         came = np.full((count, number, 2), -1)
         for m in range(1, count):
             for before in range(m):
                 strain = self._chord_strain(before, m, away, slack)
-                step = best[before][:, None] + strain + MISSED * (m - before - 1)
+                step = best[before][:, None] + strain + m - before - 1
                 np.fill_diagonal(step, np.inf)
                 source = np.argmin(step, axis=0)
-                cost = step[source, np.arange(number)] + own[m]
+                cost = step[source, np.arange(number)]
                 better = cost < best[m]
                 best[m] = np.where(better, cost, best[m])
                 came[m, better] = np.stack([np.full(number, before), source], axis=1)[better]
-        ends = best + MISSED * np.arange(count - 1, -1, -1)[:, None]
+        ends = best + np.arange(count - 1, -1, -1)[:, None]
         m, p = (int(i) for i in np.unravel_index(int(np.argmin(ends)), ends.shape))
         chosen = nothing.copy()
         while m >= 0:
             chosen[m] = p
             m, p = (int(i) for i in came[m, p])
         taken = chosen[chosen >= 0]
-        return chosen if len(taken) >= least and len(set(taken.tolist())) == len(taken) else nothing
+        return chosen if len(taken) > MOST * count and len(set(taken.tolist())) == len(taken) else nothing
 
     def _chord_strain(self, before: int, m: int, away: Array, slack: float) -> Array:
         """Cost of two markers' blobs, with none for the markers between. Shape (P, P)."""
         if m - before <= 2:
             length = self.lengths[2 * before + (m - before - 1)]
-            return np.minimum(((away - length) / (LINK_SHARES[m - before - 1] * length + slack)) ** 2, 1e3)
-        way = float(self.lengths[0::2][before:m].sum())
-        off = np.maximum(away - LONGEST_CHORD * way, 0.0) + np.maximum(SHORTEST_CHORD * way - away, 0.0)
-        return np.minimum((off / (LINK_SHARES[1] * way + slack)) ** 2 * 4, 1e3)
+            return np.minimum(((away - length) / (LINK_SHARE * length + slack)) ** 2, 1e3)
+        way = float(self.lengths[0::2][before:m].sum())  # no two are farther apart than along the body
+        return np.minimum((np.maximum(away - way, 0.0) / (LINK_SHARE * way + slack)) ** 2, 1e3)
 
     def _distances(self, points: Array) -> Array:
         return np.linalg.norm(points[self.pairs[:, 0]] - points[self.pairs[:, 1]], axis=1)
