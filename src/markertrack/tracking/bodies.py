@@ -13,7 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from markertrack.tracking.body import AGAIN_FRAMES, FORGET, STIFF, Body, distance
+from markertrack.tracking.body import AGAIN_FRAMES, STIFF, Body, distance
 from markertrack.tracking.free import BLURRED, NEARBY
 from markertrack.tracking.looks import LIKE, Looks, squares
 from markertrack.tracking.rigid import Expected, Labeling, label, rigid_fit
@@ -21,15 +21,11 @@ from markertrack.tracking.spots import Spots, streaks
 from markertrack.tracking.tracker import DOUBT, REASONS, Array, Image, Mask, check_order, inside
 
 LEAD = 4.0  # by which labels must be better than any others to be sure: two fifths of a missing marker
-CLEAR, MANY, SOON_FRAMES = 20.0, 5, 1  # lead with which a body of many markers, all seen, is sure after so many frames
+MANY = 5  # markers of a body of which it can be seen that it isn't rigid
 WHOLE = (0.72, 1.4)  # area of a spot, as a share of a marker's, that is neither partly hidden nor more than one
-FEW = 0.4  # of the markers of a body that was lost, with fewer of which it isn't found again
 FAR = 4.0  # times how far a body may easily be from where it is expected: a push, or a mistake
-LIKELIER = 1.0  # lead with which one or two markers are believed again in time, if they look as they did
 LEAST_LIKE = 0.3  # likeness of a spot that is certain to be the marker
-FEWEST = 0.25  # of a body's markers that may have no streak where the body is blurred
-FAINT = 4.0  # radii of a streak, of which the ends are too faint to be seen
-ADAPT_TIME, ADAPT_WAY = 1.0, 200.0  # s and px over which a body's shape in the picture changes: perspective, lens
+ADAPT_TIME = 1.0  # s over which a body's shape in the picture changes: perspective, lens
 SOFT = 1.0  # radii by which the shape of a body of many markers changed that isn't rigid
 FIRM = 0.1  # radii by which markers may be beside their places on a rigid body
 
@@ -196,7 +192,7 @@ class BodyTracker:
             self._bodies, labeling.spots, labeling.leads, labeling.own_leads, expected, strict=True
         ):
             found.leads[body.markers] = own
-            self._take(body, image, spots, labels, lead, one, found, time)
+            self._take(body, spots, labels, lead, one, found, time)
         for body in self._twice(found.positions):
             body.lose(2 * self._radius(body))
             body.doubt = body.doubt or body.spread(self._radius(body))
@@ -217,14 +213,14 @@ class BodyTracker:
         known[colored] = found.positions[colored]
         for body in self._bodies:
             if body.doubt == 0.0 and not body.fixed:
-                rate = min(1.0, (time - self._time) / ADAPT_TIME + body.step / ADAPT_WAY)
+                rate = min(1.0, (time - self._time) / ADAPT_TIME)
                 body.adapt(known[body.markers], rate, FIRM * self._radius(body) + 0.3)
         self._looks.learn(image, spots, certain, found.spots[certain], found.blur[certain])
         return found.positions, confidence
 
     def _take(
-        self, body: Body, image: Image, spots: Spots, labels: NDArray[np.int64], lead: float, one: Expected,
-        found: _Found, time: float,
+        self, body: Body, spots: Spots, labels: NDArray[np.int64], lead: float, one: Expected, found: _Found,
+        time: float,
     ) -> None:  # fmt: skip
         """Takes in what one body's labels are: where it is, or that it is lost, and whether that is certain."""
         seen, radius = labels >= 0, self._radius(body)
@@ -235,15 +231,15 @@ class BodyTracker:
         far, few = not body.fixed and away > FAR * body.spread(radius), len(seen) < 3
         if far and few and self._looks.by_picture(spots, labels[seen]).any():
             seen[:] = False  # a picture alone isn't enough to find it elsewhere
-        less = body.doubt > 0 and seen.sum() < min(len(seen), max(2, FEW * len(seen)))
+        less = body.doubt > 0 and seen.sum() < min(len(seen), 2)
         if not seen.any() or less or (far and lead < LEAD):
             body.lose(max(1.5 * self._fastest, 2 * radius))
             return
         markers, chosen = body.markers[seen], labels[seen]
-        spread, share = self._looks.spread(spots, markers, chosen), self._looks.share(spots, markers, chosen)
         found.spots[markers], found.positions[markers] = chosen, places[seen]
         found.likes[markers], found.fills[markers] = found.looks[markers, chosen], spots.fills[chosen]
-        found.blur[markers], found.shares[markers] = streaks(spread), share
+        found.blur[markers] = streaks(self._looks.spread(spots, markers, chosen))
+        found.shares[markers] = self._looks.share(spots, markers, chosen)
         if few and not (found.likes[markers] > LEAST_LIKE).any():  # better where it was expected than there
             body.doubt = body.doubt or body.spread(radius)
             body.lose(0.5 * (radius + body.step))
@@ -253,18 +249,9 @@ class BodyTracker:
         else:
             body.follow(places, time)
         found.off[markers] = np.linalg.norm(rigid_fit(body.shape, places) - places, axis=1)[seen]
-
-        def same() -> bool:  # a picture that is looked for is turned meanwhile
-            return few and self._looks.unchanged(image, markers, places[seen])
-
-        streak = _common_streak(spread[(share > WHOLE[0]) & (share < WHOLE[1])])
-        # it moved farther than these labels say
-        blurred = streak > 1.5 * (away if far else body.step) + BLURRED * radius and not same()
-        if lead < LEAD or blurred:
+        if lead < LEAD:
             body.doubt = body.doubt or 0.5 * one.reach
-            if lead > LIKELIER and same():
-                body.doubt *= FORGET
-        elif body.followed >= (SOON_FRAMES if lead > CLEAR and seen.all() and len(seen) >= MANY else AGAIN_FRAMES):
+        elif body.followed >= AGAIN_FRAMES:
             body.doubt = body.swing = 0.0
         if body.doubt == 0.0 and not body.fixed:
             self._fastest = max(self._fastest, distance(body.history[-1][1], last) / frames)
@@ -297,7 +284,6 @@ class BodyTracker:
         allowed = 0.3 * radii + 1.0
         confidence = (0.5 + 0.5 * np.minimum(found.fills, 1.0)) * (1 - 0.3 * np.minimum(found.off / allowed, 1.0) ** 2)
         sure = (found.shares > WHOLE[0]) & (found.shares < WHOLE[1]) & (found.off < allowed)
-        sure &= np.linalg.norm(found.blur, axis=1) < FAINT * radii
         return np.where(sure, confidence, np.minimum(confidence, DOUBT))
 
 
@@ -321,13 +307,3 @@ class _Found:
         self.positions, self.blur = np.full((count, 2), np.nan), np.zeros((count, 2))
         self.off, self.likes, self.shares, self.fills = np.zeros((4, count))
         self.leads = np.full(count, np.inf)
-
-
-def _common_streak(spread: Array) -> float:
-    """Length of the streak that nearly all markers of a body have, by what their moments exceed theirs (K, 3) [px]."""
-    if not len(spread):
-        return 0.0
-    uneven = np.stack([(spread[:, 0] - spread[:, 2]) / 2, spread[:, 1]], axis=1)
-    mean = uneven.mean(axis=0)
-    along = uneven @ mean / max(float(np.linalg.norm(mean)), 1e-9)
-    return float(np.sqrt(24 * max(float(np.quantile(along, FEWEST)), 0.0)))

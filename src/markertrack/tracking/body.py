@@ -11,10 +11,8 @@ from markertrack.tracking.tracker import Array
 
 STIFF = 0.1  # rad by which a body may turn in a frame without notice
 FORGET = 0.7  # of a surprise, in each frame
-MOST_DOUBT = 2000.0  # px, more than any picture is wide in which a marker is looked for
 AGAIN_FRAMES = 3  # that a body must be followed for after it was lost
 GIVING = 0.75  # quantile of the markers' ways from their places that tells that a body isn't rigid
-SHAPE_SHARE = 0.1  # of a length by which it may differ from the first frame's
 _BEND = 0.9  # of the last change of velocity that is expected again
 _FADE = 0.5  # of the velocity that is left in each frame in which a body isn't seen
 
@@ -33,7 +31,6 @@ class Body:
         self.markers, self.fixed = markers, fixed
         self.shape, self._first_shape = places.copy(), places.copy()
         self.pairs = pairs_of(places)
-        self.give = 0.0  # by how much its shape was seen to change beyond what a rigid body's does [px]
         self.doubt = 0.0
         self.swing = 0.0  # how far it may have turned while nobody knows how [rad]
         self.unseen = 0  # frames since it was seen last
@@ -125,11 +122,11 @@ class Body:
         self.followed = 0
         self.surprise *= FORGET
         if not self.fixed:
-            self.doubt = min(self.doubt + way, MOST_DOUBT)
+            self.doubt += way
             self.swing += STIFF + self.turn
 
     def adapt(self, places: Array, rate: float, firm: float) -> None:
-        """Lets the shape follow what is seen: slowly and as far as perspective may change it, or at once if it is soft.
+        """Lets the shape follow what is seen: slowly, as perspective may change it, or at once if it is soft.
 
         Args:
             places: Where its markers are seen without a doubt, NaN where they aren't [px]. Shape (M, 2).
@@ -141,15 +138,9 @@ class Body:
             return
         back = rigid_fit(places[known], self.shape[known])
         beside = np.linalg.norm(back - self.shape[known], axis=1)
-        off, most = np.quantile(beside, [0.5, GIVING]).tolist()
-        if most > firm:
-            self.give += most
         shape = self.shape.copy()
-        shape[known] += max(rate, min(off / firm, 1.0)) * (back - shape[known])
-        extent = np.linalg.norm(self._first_shape - self._first_shape.mean(axis=0), axis=1, keepdims=True)
-        limit = SHAPE_SHARE * extent + 0.5 + self.give
-        change = shape - self._first_shape
-        self.shape = self._first_shape + change * np.minimum(1.0, limit / np.maximum(np.abs(change), 1e-9))
+        shape[known] += max(rate, min(float(np.median(beside)) / firm, 1.0)) * (back - shape[known])
+        self.shape = shape
 
 
 @njit(cache=True, nogil=True)
