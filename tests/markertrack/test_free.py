@@ -74,6 +74,20 @@ def test_a_marker_that_changes_is_followed(radius, color):
     assert (confidence >= 0.5).mean() > 0.95
 
 
+@pytest.mark.parametrize("bodies", [(0, 1, 2), (0, 0, 0)], ids=["free", "on a body"])
+def test_markers_that_touch_are_told_apart(bodies):
+    def places(frame):
+        turn, middle = frame / 15, MIDDLE + [1.5 * frame, 10 * np.sin(frame / 9)]
+        spokes = [[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]] @ np.array([[0, 11, 40], [0, 3, 30]])
+        return middle + spokes.T
+
+    picture = painted(places, lambda k: RADIUS, lambda k: (240, 120, 30))
+    truth = np.array([places(frame) for frame in range(40)])
+    positions, confidence = seen_both_ways(MarkerTracker(bodies), picture, truth[0] + [1.5, -1], len(truth))
+    assert (confidence >= 0.5).all()
+    assert np.linalg.norm(positions - truth, axis=2).max() < 1
+
+
 @pytest.mark.parametrize("others", [0, 1])
 def test_one_that_was_hidden_for_long_is_found_where_it_alone_can_be(others):
     """It comes back elsewhere, and stays doubtful where another one like it comes as well."""

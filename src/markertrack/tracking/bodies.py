@@ -131,10 +131,10 @@ class BodyTracker:
 
     def _labeled(self, image: Image, expected: list[Expected], others: Spots | None = None) -> tuple[Spots, Labeling]:
         """Labels of the bodies among the spots of the markers' colors, and others."""
-        boxes = np.zeros((len(self._numbers), 4), dtype=np.int64)
+        boxes, places = np.zeros((len(self._numbers), 4), dtype=np.int64), np.full((len(self._numbers), 2), np.nan)
         for body, one in zip(self._bodies, expected, strict=True):
-            boxes[body.markers] = squares(one.places, one.reach)
-        spots = self._looks.find(image, boxes)
+            boxes[body.markers], places[body.markers] = squares(one.places, one.reach), one.places
+        spots = self._looks.find(image, boxes, places)
         if others is not None:
             spots = self._looks.added(spots, self._likeness(spots), others)
         return self._among(image, spots, expected)

@@ -130,7 +130,7 @@ class FreeTracker:
         far = FAR * self.radii + np.maximum(speed, self.radii) * (1 + self._doubtful)
         far = np.minimum(far, self._most_far * self.radii + speed)
         reach = np.where(carried, NEAR[0] * self.radii + NEAR[1], far)
-        spots, of = self._measured(image, squares(expected, reach + 0.5 * self.radii), carried)
+        spots, of = self._measured(image, expected, squares(expected, reach + 0.5 * self.radii), carried)
         chosen, alone = np.full(len(expected), -1), np.ones(len(expected), dtype=bool)
         more, rivals = ~alone, np.zeros((len(expected), len(expected)), dtype=bool)
         if not len(spots):
@@ -158,7 +158,9 @@ class FreeTracker:
         like = np.where(chosen >= 0, like[np.arange(len(like)), chosen], 0.0)
         return _Found(spots, chosen, like, alone, more, rivals, reach)
 
-    def _measured(self, image: Image, boxes: NDArray[np.int64], joint: Mask) -> tuple[Spots, NDArray[np.int64]]:
+    def _measured(
+        self, image: Image, expected: Array, boxes: NDArray[np.int64], joint: Mask
+    ) -> tuple[Spots, NDArray[np.int64]]:
         """The spots in each marker's box, and the marker that each was found for.
 
         They are measured by its own colors. Of some, those whose boxes overlap are looked for together.
@@ -166,10 +168,12 @@ class FreeTracker:
         first, last = boxes[:, None, :2], boxes[:, None, 2:]
         touching = ((first < boxes[:, 2:]) & (last > boxes[:, :2])).all(axis=2) & joint & joint[:, None]
         np.fill_diagonal(touching, True)
-        found = [self._looks.find(image, np.where(one[:, None], boxes, 0)) for one in touching]
+        found = [
+            self._looks.find(image, np.where(one, boxes, 0), np.where(one, expected, np.nan))
+            for one in touching[..., None]
+        ]
         of = np.repeat(np.arange(len(boxes)), [len(spots) for spots in found])
-        spots = Spots(*(np.concatenate([vars(one)[name] for one in found]) for name in vars(found[0])))
-        return spots, of
+        return found[0].and_(*found[1:]), of
 
     def _seen(self, image: Image, expected: Array, carried: Mask, found: _Found) -> tuple[Array, Array]:
         """Positions and confidence by the best opinion on each marker."""

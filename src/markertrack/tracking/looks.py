@@ -79,7 +79,9 @@ class Looks:
                 better = other.solidity > own.solidity + SOLIDER
                 better |= (other.solidity > LEAST_SOLIDITY) & (own.solidity <= LEAST_SOLIDITY)
                 glossy, own = np.where(better, many, glossy), own.where(better, other)
-            self.plain = (own.solidity > LEAST_SOLIDITY) & ~_contradicted(own, measured)
+            touching, theirs = _touching(SpotFinder(image, self.points, radii, glossy), image, points)
+            self.plain = touching | (own.solidity > LEAST_SOLIDITY) & ~_contradicted(own, measured)
+            own = own.where(touching, theirs)
             self.points = np.where(self.plain[:, None], own.centers, points)
             radii[self.plain] = np.sqrt(own.areas[self.plain] / np.pi)
         self._finder = SpotFinder(image, self.points, radii, glossy)
@@ -105,9 +107,20 @@ class Looks:
         """Radius of each marker as it is now [px]. Shape (M,)."""
         return np.sqrt(self._areas / np.pi)
 
-    def find(self, image: Image, boxes: NDArray[np.int64]) -> Spots:
-        """The spots of the markers' colors in or at their boxes (M, 4): left, top, right, bottom [px]."""
-        return self._finder.find(image, np.where(self.plain[:, None], boxes, 0))
+    def find(self, image: Image, boxes: NDArray[np.int64], places: Array | None = None) -> Spots:
+        """The spots of the markers' colors in or at their boxes.
+
+        Args:
+            image: RGB. Shape (H, W, 3).
+            boxes: Left, top, right, bottom [px]. Shape (M, 4).
+            places: Where the markers are expected, if those that touch are to be told apart by it [px]. Shape (M, 2).
+        """
+        spots = self._finder.find(image, np.where(self.plain[:, None], boxes, 0))
+        if places is None:
+            return spots
+        _, apart = self._finder.apart(image, np.where(self.plain[:, None], places, np.nan))
+        away = np.linalg.norm(spots.centers[:, None] - apart.centers, axis=2)
+        return spots.of((away > np.sqrt(apart.areas / np.pi)).all(axis=1)).and_(apart)
 
     def find_pictures(self, image: Image, markers: NDArray[np.int64], places: Array, reaches: Array) -> Spots:
         """What looks like some markers' pictures near where they are expected.
@@ -165,7 +178,7 @@ class Looks:
         of = pictures.kinds - len(self._areas)
         near = np.linalg.norm(pictures.centers[:, None] - spots.centers, axis=2) < self.radii[of][:, None]
         new = ~(near & (looks[of] > LIKE)).any(axis=1)
-        return Spots(*(np.concatenate([vars(spots)[name], vars(pictures)[name][new]]) for name in vars(spots)))
+        return spots.and_(pictures.of(new))
 
     def likeness(self, spots: Spots, last: Array, steps: Array, slack: Array) -> Array:
         """How much each spot looks like each marker, from 0 to 1, and -1 where it is of another kind.
@@ -268,7 +281,7 @@ class _Own:
 
     @staticmethod
     def none(points: Array) -> _Own:
-        return _Own(points, np.zeros(len(points)), np.zeros((len(points), 3)), np.zeros(len(points)))
+        return _Own(points.copy(), np.zeros(len(points)), np.zeros((len(points), 3)), np.zeros(len(points)))
 
     def where(self, other: Mask, others: _Own) -> _Own:
         """These, and the others for some markers."""
@@ -305,6 +318,21 @@ def _own(finder: SpotFinder, image: Image, points: Array, radii: Array, room: fl
     # a ring, or a disc with a hub: round about the point
     ring = (away.min(axis=1) < RING_SHARE * radii + 1.0) & (half < RING_UNEVEN * mean) & (solidity > LEAST_RING)
     return _Own(spots.centers[own], area, moments, np.where(good, np.where(ring, 1.0, solidity), 0.0))
+
+
+def _touching(finder: SpotFinder, image: Image, points: Array) -> tuple[Mask, _Own]:
+    """Which markers touch others (M,), and what is theirs of the common spot."""
+    of, spots = finder.apart(image, points)
+    beside = np.linalg.norm(spots.centers - points[of], axis=1)
+    good = beside < CLICK_SHARE * finder.radii[of] + 1.0
+    of, spots = of[good], spots.of(good)
+    those = np.zeros(len(points), dtype=bool)
+    those[of] = True
+    theirs = _Own.none(points)
+    theirs.centers[of], theirs.areas[of], theirs.moments[of], theirs.solidity[of] = (
+        spots.centers, spots.areas, spots.moments, 1.0
+    )
+    return those, theirs
 
 
 def _contrasts(image: Image, points: Array, radii: Array, plain: Mask) -> Array:

@@ -34,6 +34,7 @@ MOST_CLIMB = 8  # steps of half a radius
 ALIKE = 0.85  # cosine between the differences of color of markers of one kind and what is around them
 MOST_SHADED = 3.0  # ratio of the sizes of these differences
 MOST_UNEQUAL = 1.6  # ratio of the radii of markers of one kind
+TOUCHING = 1.25  # of the sum of two markers' radii, within which their spots may be one
 _LLOYD_ROUNDS = 10
 
 
@@ -57,6 +58,14 @@ class Spots:
 
     def __len__(self) -> int:
         return len(self.centers)
+
+    def of(self, some: Mask) -> Spots:
+        """Some of them. Shape (P,)."""
+        return Spots(*(values[some] for values in vars(self).values()))
+
+    def and_(self, *others: Spots) -> Spots:
+        """These and others."""
+        return Spots(*(np.concatenate([vars(one)[name] for one in (self, *others)]) for name in vars(self)))
 
 
 class SpotFinder:
@@ -122,6 +131,32 @@ class SpotFinder:
         centers = found[:, :2] * block + (block - 1) / 2
         kinds = found[:, 7].astype(np.int64)
         return Spots(centers, found[:, 2] * block**2, found[:, 3:6] * block**2, found[:, 6], kinds)
+
+    def apart(self, image: Image, places: Array) -> tuple[NDArray[np.int64], Spots]:
+        """The markers that touch others, each measured as a disc of all of them together.
+
+        Args:
+            image: RGB. Shape (H, W, 3).
+            places: Where the markers are expected, NaN for those that don't count [px]. Shape (M, 2).
+
+        Returns:
+            Indices of those that are where they are expected, and their spots. Shape (P,).
+        """
+        away = np.linalg.norm(places[:, None] - places, axis=2)
+        touching = away < TOUCHING * (self.radii[:, None] + self.radii)
+        of = np.flatnonzero(touching.sum(axis=1) > 1)
+        block = self._block
+        at = (places[of] - (block - 1) / 2) / block
+        found = _together(
+            image, self.markers[of], self.around[of], at, block, self.radii[of] / block, self.glossy[of]
+        )
+        whole = (np.abs(np.log2(found[:, 2])) < np.log2(MOST_AREA)) & (found[:, 6] >= LEAST_FILL)
+        whole &= np.linalg.norm(found[:, :2] - at, axis=1) < self.radii[of] / block
+        found, of = found[whole], of[whole]
+        square = (self.radii[of] ** 2)[:, None]
+        centers = found[:, :2] * block + (block - 1) / 2
+        areas = np.pi * square[:, 0] * found[:, 2]
+        return of, Spots(centers, areas, square * found[:, 3:6], found[:, 6], self.kinds[of])
 
     def learn(self, image: Image, positions: Array, streaks: Array) -> None:
         """Takes in how the light is where the markers are now.
@@ -399,6 +434,52 @@ def _measured(pixels: NDArray[np.int32], weights: Array, number: int, radius: fl
         expected = disc / (disc + 2 * radius * length)
         fill = square / max(total, 1e-9) / expected
         out[n, 0], out[n, 1], out[n, 2], out[n, 3], out[n, 4], out[n, 5], out[n, 6] = x, y, total, xx, xy, yy, fill
+
+
+@njit(cache=True, nogil=True)
+def _together(
+    image: Image, markers: Array, around: Array, places: Array, block: int, radii: Array, glossy: Mask
+) -> Array:  # fmt: skip
+    """Centers of discs that touch, the share of each that is covered, its moments in squared radii, and fill. (K, 7).
+
+    A pixel counts for the disc that it is nearest to. Each disc moves by how far what is covered of its pixels lies
+    from what it would cover of them.
+    """
+    height, width = image.shape[0] // block, image.shape[1] // block
+    out, at = np.zeros((len(places), 7)), places.copy()
+    seen, ideal = np.zeros((2, len(places), 7))
+    for _ in range(_LLOYD_ROUNDS):
+        seen[:], ideal[:] = 0.0, 0.0
+        for k in range(len(at)):
+            reach = radii[k] + 1.5
+            for i in range(max(int(at[k, 1] - reach), 0), min(int(at[k, 1] + reach) + 2, height)):
+                for j in range(max(int(at[k, 0] - reach), 0), min(int(at[k, 0] + reach) + 2, width)):
+                    dx, dy = j - at[k, 0], i - at[k, 1]
+                    beyond = np.sqrt(dx * dx + dy * dy) - radii[k]
+                    mine = beyond < 1.5
+                    for n in range(len(at)):
+                        if n != k and np.sqrt((j - at[n, 0]) ** 2 + (i - at[n, 1]) ** 2) - radii[n] < beyond:
+                            mine = False
+                    if not mine:
+                        continue
+                    covered = _coverage(image, i, j, block, around[k], markers[k] - around[k], glossy[k])
+                    for sums, weight in ((seen, covered), (ideal, min(max(0.5 - beyond, 0.0), 1.0))):
+                        sums[k, 0] += weight * dx
+                        sums[k, 1] += weight * dy
+                        sums[k, 2] += weight
+                        sums[k, 3] += weight * dx * dx
+                        sums[k, 4] += weight * dx * dy
+                        sums[k, 5] += weight * dy * dy
+                        sums[k, 6] += weight * weight
+        for k in range(len(at)):
+            for c in range(2):
+                at[k, c] += seen[k, c] / max(seen[k, 2], 1.0) - ideal[k, c] / max(ideal[k, 2], 1.0)
+    for k in range(len(at)):
+        total, whole = max(seen[k, 2], 1e-9), max(ideal[k, 2], 1e-9)
+        out[k, 0], out[k, 1], out[k, 2], out[k, 6] = at[k, 0], at[k, 1], total / whole, seen[k, 6] / total
+        for c in range(3, 6):
+            out[k, c] = (seen[k, c] / total - ideal[k, c] / whole) / radii[k] ** 2 + (0.0 if c == 4 else 0.25)
+    return out
 
 
 @njit(cache=True, nogil=True)
