@@ -77,7 +77,7 @@ def test_a_marker_that_changes_is_followed(radius, color):
 @pytest.mark.parametrize("bodies", [(0, 1, 2), (0, 0, 0)], ids=["free", "on a body"])
 def test_markers_that_touch_are_told_apart(bodies):
     def places(frame):
-        turn, middle = frame / 15, MIDDLE + [1.5 * frame, 10 * np.sin(frame / 9)]
+        turn, middle = frame / 15, MIDDLE + np.array([1.5 * frame, 10 * np.sin(frame / 9)])
         spokes = [[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]] @ np.array([[0, 11, 40], [0, 3, 30]])
         return middle + spokes.T
 

@@ -326,13 +326,10 @@ def _touching(finder: SpotFinder, image: Image, points: Array) -> tuple[Mask, _O
     beside = np.linalg.norm(spots.centers - points[of], axis=1)
     good = beside < CLICK_SHARE * finder.radii[of] + 1.0
     of, spots = of[good], spots.of(good)
-    those = np.zeros(len(points), dtype=bool)
-    those[of] = True
     theirs = _Own.none(points)
-    theirs.centers[of], theirs.areas[of], theirs.moments[of], theirs.solidity[of] = (
-        spots.centers, spots.areas, spots.moments, 1.0
-    )
-    return those, theirs
+    theirs.centers[of], theirs.areas[of], theirs.moments[of] = spots.centers, spots.areas, spots.moments
+    theirs.solidity[of] = 1.0
+    return theirs.solidity > 0, theirs
 
 
 def _contrasts(image: Image, points: Array, radii: Array, plain: Mask) -> Array:

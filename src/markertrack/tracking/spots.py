@@ -147,9 +147,7 @@ class SpotFinder:
         of = np.flatnonzero(touching.sum(axis=1) > 1)
         block = self._block
         at = (places[of] - (block - 1) / 2) / block
-        found = _together(
-            image, self.markers[of], self.around[of], at, block, self.radii[of] / block, self.glossy[of]
-        )
+        found = _together(image, self.markers[of], self.around[of], at, block, self.radii[of] / block, self.glossy[of])
         whole = (np.abs(np.log2(found[:, 2])) < np.log2(MOST_AREA)) & (found[:, 6] >= LEAST_FILL)
         whole &= np.linalg.norm(found[:, :2] - at, axis=1) < self.radii[of] / block
         found, of = found[whole], of[whole]
