@@ -19,6 +19,7 @@ import tempfile
 import time
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 
@@ -31,7 +32,9 @@ from csrt import CsrtTracker
 from pool import Filmed
 from tracking_clips import CSRT_CLIPS, SUITE, Array, Clip, random_clip
 
+from markertrack.quality import DOUBTFUL
 from markertrack.tracking.detection import DetectionTracker
+from markertrack.tracking.markers import MarkerTracker
 from markertrack.video import VideoReader
 from swimbase.errors import TrackingError
 
@@ -39,6 +42,7 @@ WARM_UP = 2  # frames of a clip that aren't timed: compiled code is loaded
 WRONG = 10.0  # px by which a marker that is reported may be off before it counts as a silent error
 MOST_MISSED, MOST_RMSE = 0.10, 0.5  # share, px: a random clip above them is listed
 Frames = Iterable[tuple[float, NDArray[np.uint8]]]
+AnyTracker = DetectionTracker | MarkerTracker | CsrtTracker
 
 
 @dataclass(frozen=True)
@@ -67,7 +71,7 @@ class Result:
 
     @property
     def reported(self) -> NDArray[np.bool_]:
-        return np.isfinite(self.found[..., 0]) & (self.confidence > 0)
+        return np.isfinite(self.found[..., 0]) & (self.confidence >= DOUBTFUL)
 
     @property
     def errors(self) -> Array:
@@ -118,7 +122,7 @@ class Result:
         return 1e3 * self.track_time / count, 1e3 * self.decode_time / count
 
 
-def tracked(clip: Clip, filmed: Filmed, frames: Frames, tracker: DetectionTracker | CsrtTracker) -> Result:
+def tracked(clip: Clip, filmed: Filmed, frames: Frames, tracker: AnyTracker) -> Result:
     """Runs a tracker over the frames of a clip."""
     picks = clip.picks(filmed)
     found: list[Array] = []
@@ -177,13 +181,13 @@ def row(name: str, result: Result, *more: str) -> None:
     print("| " + " | ".join((*cells, *more)) + " |", flush=True)
 
 
-def suite(clips: list[Clip], folder: Path, csrt: tuple[str, ...]) -> None:
+def suite(clips: list[Clip], folder: Path, csrt: tuple[str, ...], make: Callable[[], AnyTracker]) -> None:
     results: dict[str, Result] = {}
     others: dict[str, Result] = {}
     heading()
     for clip in clips:
         filmed, path = on_disk(clip, folder)
-        results[clip.name] = tracked(clip, filmed, decoded(path), DetectionTracker())
+        results[clip.name] = tracked(clip, filmed, decoded(path), make())
         row(clip.name, results[clip.name])
         if clip.name in csrt:
             others[clip.name] = tracked(clip, filmed, decoded(path), CsrtTracker(box=40))
@@ -216,7 +220,7 @@ def _speed(every: list[Result]) -> None:
               f"{decoding:.2f} s of it to decode")  # fmt: skip
 
 
-def random_clips(indices: Iterable[int], seed: int, make: Callable[[], DetectionTracker | CsrtTracker]) -> None:
+def random_clips(indices: Iterable[int], seed: int, make: Callable[[], AnyTracker]) -> None:
     """Tracks clips that nobody chose, and lists those on which the tracker falls short."""
     heading()
     results: list[Result] = []
@@ -272,19 +276,21 @@ def main() -> None:
     parser.add_argument("--random", type=int, default=0, metavar="N", help="N random clips instead of the suite")
     parser.add_argument("--seed", type=int, default=1, help="of the random clips (%(default)s)")
     parser.add_argument("--index", type=int, nargs="*", help="only these of the random clips")
+    parser.add_argument("--free", action="store_true", help="as nine markers that nothing connects")
     arguments = parser.parse_args()
+    make = partial(MarkerTracker, range(9)) if arguments.free else DetectionTracker
     packages = ", ".join(f"{name} {version(name)}" for name in ("numba", "numpy", "scipy", "av"))
     print(f"{os.cpu_count()} cores {platform.machine()}, {platform.system()}; Python {platform.python_version()}, "
           f"{packages}{_opencv() if arguments.csrt or arguments.csrt_all else ''}")  # fmt: skip
     if arguments.random or arguments.index:
-        random_clips(arguments.index or range(arguments.random), arguments.seed, DetectionTracker)
+        random_clips(arguments.index or range(arguments.random), arguments.seed, make)
         return
     clips = [clip for clip in SUITE if arguments.only in clip.name]
     csrt = tuple(clip.name for clip in clips) if arguments.csrt_all else CSRT_CLIPS if arguments.csrt else ()
     with tempfile.TemporaryDirectory() as temporary:
         folder = arguments.clips or Path(temporary)
         folder.mkdir(parents=True, exist_ok=True)
-        suite(clips, folder, csrt)
+        suite(clips, folder, csrt, make)
 
 
 def _opencv() -> str:
