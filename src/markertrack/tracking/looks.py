@@ -29,7 +29,6 @@ LEAST_DETAIL = 8.0  # levels of standard deviation within a picture's radius, ab
 BESIDE = 5.0  # radii within which a spot that wasn't clicked is named
 MOST_STREAK = 1.3  # of a marker's step, with a shutter that is always open and a speed that changes
 LIKE = 0.5  # likeness of a spot, below which the marker is looked for by its picture
-SAME = 0.85  # correlation of a marker that looks as before
 GROWTH = 0.1  # of a change of a marker's area that is taken in, in each frame
 SHAPE_RATE = 0.03  # of a change of its shape, likewise
 SHARP = 0.25  # radii of a streak, up to which a marker is taken for sharp
@@ -215,12 +214,6 @@ class Looks:
     def spread(self, spots: Spots, markers: NDArray[np.int64], chosen: NDArray[np.int64]) -> Array:
         """By how much the markers' second moments exceed their own at rest [px²]. Shape (K, 3)."""
         return spots.moments[chosen] - self._moments[markers]
-
-    def unchanged(self, image: Image, markers: NDArray[np.int64], places: Array) -> bool:
-        """Whether some markers look as they did when they were last seen without a doubt, at their places (K, 2)."""
-        found = self.find_pictures(image, markers, places, np.ones(len(markers)))
-        sure = found.fills > SAME
-        return all((found.kinds[sure] == len(self._areas) + marker).any() for marker in markers)
 
     def by_picture(self, spots: Spots, chosen: NDArray[np.int64]) -> Mask:
         """Which spots were found by a marker's picture. Shape (K,)."""
