@@ -126,3 +126,16 @@ def test_an_even_picture_is_refused(noise):
     even = np.random.default_rng(0).normal(120, noise, (HEIGHT, WIDTH, 3)).astype(np.uint8)
     with pytest.raises(TrackingError, match=r"[5-7] of 7 points.* \(50, 51\).*: the picture is even there"):
         Looks(even, GRID)
+
+
+def test_a_faint_marker_on_a_narrow_body_isnt_taken_for_the_body():
+    rows, columns = np.mgrid[:160, :420]
+    image = np.full((160, 420, 3), (200.0, 225.0, 230.0))  # water
+    taper = 7 + 0.03 * columns
+    image[np.abs(rows - 80) < taper] = (30, 34, 40)
+    points = np.array([[60.0, 80.0], [130, 80], [200, 80], [270, 80], [340, 80]])
+    for x, y in points:
+        image[np.hypot(columns - x, rows - y) < 7] = (55, 61, 67)
+    image = np.clip(image + np.random.default_rng(0).normal(0, 2, image.shape), 0, 255).astype(np.uint8)
+    looks = Looks(image, points)
+    assert np.abs(looks.radii - 7).max() < 1

@@ -14,13 +14,16 @@ from numba import njit  # pyright: ignore[reportMissingTypeStubs]
 from numpy.typing import NDArray
 
 from markertrack.tracking.matching import gaps_of
-from markertrack.tracking.tracker import Array, Image
+from markertrack.tracking.tracker import Array, Image, Mask
 from swimbase.errors import TrackingError
 
 BITS = 6  # of each color that the table of coverage keeps
 SURROUNDINGS = 3.0  # radii around a marker that its color is told apart from
 KEEP_FIRST = 0.5  # share of the first frame in what is known, for good
 INNER_EDGE = 0.4  # of the largest change of color, from which an edge further inside is a marker's
+SECTORS = 8  # directions from a point: a marker ends in all of them, what it is on doesn't
+LEAST_DETAIL = 8.0  # levels of a camera, above its noise
+MUCH = 1.3  # ratio of the radii of two edges of which only one may be a marker's
 FEW = 3  # markers of which each may have a radius of its own
 UNEQUAL = 0.7  # by which the logarithm of a marker's radius easily differs from the usual one's
 LONE_GAP = 80.0  # px to the next marker that is assumed where there is none: it tells how large one may be
@@ -42,16 +45,29 @@ def radius_at(image: Image, points: Array) -> float:
         image: RGB. Shape (H, W, 3).
         points: Near the markers' centers [px]. Shape (M, 2).
     """
-    return _radius_of(*_changes(image, points))
+    radii, changes = _changes(image, points)
+    return _radius_of(radii, changes[:, 0])
 
 
 def own_radii(image: Image, points: Array) -> Array:
-    """Radius of each marker, likelier near the usual one; of few markers each by itself [px]. Shape (M,)."""
+    """Radius of each marker, likelier near the usual one; of few markers each by itself [px]. Shape (M,).
+
+    The strongest edge may be that of what a marker is on: if most directions have a clear one much further inside, it
+    is that.
+    """
     radii, changes = _changes(image, points)
+    sizes, ways = changes[:, 0], changes[:, 1:]
     if len(points) < FEW:
-        return np.array([_radius_of(radii, changes[m : m + 1]) for m in range(len(points))])
-    unusual = np.log(radii / _radius_of(radii, changes)) / UNEQUAL
-    return radii[np.argmax(changes * np.exp(-(unusual**2) / 2), axis=1)]
+        return np.array([_radius_of(radii, sizes[m : m + 1]) for m in range(len(points))])
+    unusual = np.log(radii / _radius_of(radii, sizes)) / UNEQUAL
+    strongest = radii[np.argmax(sizes * np.exp(-(unusual**2) / 2), axis=1)]
+    clear = (ways >= np.roll(ways, 1, axis=2)) & (ways >= np.roll(ways, -1, axis=2))
+    weak = np.quantile(ways.max(axis=2), 0.25, axis=1)  # where it is on something wide, no other edge outshines its own
+    clear &= ways > np.maximum(INNER_EDGE * weak, LEAST_DETAIL)[:, None, None]
+    aside = np.abs(np.log(radii / _radius_of(radii, np.quantile(ways, 0.25, axis=1))))
+    edges = np.where(clear.any(axis=2), radii[np.where(clear, aside, np.inf).argmin(axis=2)], np.inf)
+    inner = np.median(edges, axis=1)
+    return np.where(inner < strongest / MUCH, inner, strongest)
 
 
 def _radius_of(radii: Array, changes: Array) -> float:
@@ -63,21 +79,32 @@ def _radius_of(radii: Array, changes: Array) -> float:
 
 
 def _changes(image: Image, points: Array) -> tuple[Array, Array]:
-    """Change of color at circles around points, and the radii of these. Shapes (R,), (M, R)."""
+    """Radii of circles around points, and change of color at them, as a whole and in each direction.
+
+    Shapes (R,), (M, 1 + SECTORS, R).
+    """
     largest = 0.6 * _typical_gap(points)  # two may seem to overlap, but not most
     radii = _RADII[max(largest, 2.0) >= _RADII]
     reach = int(np.ceil(1.5 * radii[-1])) + 1
-    totals = np.zeros((len(points), len(radii)))
+    changes = np.zeros((len(points), 1 + SECTORS, len(radii)))
     for m, point in enumerate(points):
         window, grid = _cut(image, point, reach)
         away = _own_distance(grid, point, points)
-        colors = window.astype(float)
+        angles = np.arctan2(*np.moveaxis(grid - point, -1, 0)[::-1])
+        sectors = (SECTORS * (angles / (2 * np.pi) + 0.5)).astype(int) % SECTORS
         for k, radius in enumerate(radii):
             thick = max(1.5, 0.2 * radius)
             inside, ring = (away <= radius) & (away > radius - thick), (away > radius) & (away <= radius + thick)
-            if inside.any() and ring.any():
-                totals[m, k] = np.linalg.norm(colors[inside].mean(axis=0) - colors[ring].mean(axis=0))
-    return np.asarray(radii, dtype=float), totals
+            change = _mean_colors(window, sectors, inside) - _mean_colors(window, sectors, ring)
+            changes[m, :, k] = np.linalg.norm(change, axis=1)
+    return np.asarray(radii, dtype=float), np.nan_to_num(changes)
+
+
+def _mean_colors(window: Image, sectors: NDArray[np.int64], where: Mask) -> Array:
+    """Mean color of some pixels, and of those in each direction, NaN where there are none. Shape (1 + SECTORS, 3)."""
+    one_hot = np.eye(SECTORS)[sectors[where]]
+    sums = np.column_stack([np.ones(len(one_hot)), one_hot]).T @ np.column_stack([window[where], np.ones(len(one_hot))])
+    return np.where(sums[:, 3:] > 0, sums[:, :3] / np.maximum(sums[:, 3:], 1), np.nan)
 
 
 def _edge_radius(image: Image, table: Table, points: Array, radius: float) -> float:

@@ -13,7 +13,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from markertrack.tracking.appearance import own_radii
+from markertrack.tracking.appearance import LEAST_DETAIL, own_radii
 from markertrack.tracking.labeling import find_blobs
 from markertrack.tracking.patches import Patches
 from markertrack.tracking.spots import SpotFinder, Spots, streak_lengths
@@ -25,7 +25,6 @@ OWN_AREAS = (0.4, 2.4)  # of a disc of a marker's radius, within which a spot at
 CLICK_SHARE = 0.7  # of the radius by which a point may be beside the spot's center
 LONGEST = 3.0  # ratio of the axes of a marker
 PICTURE_RADIUS = 12.0  # px of a marker that is known by its picture, if there is room
-LEAST_DETAIL = 8.0  # levels of standard deviation within a picture's radius, above the noise of a camera
 BESIDE = 5.0  # radii within which a spot that wasn't clicked is named
 MOST_STREAK = 1.3  # of a marker's step, with a shutter that is always open and a speed that changes
 LIKE = 0.5  # likeness of a spot, below which the marker is looked for by its picture

@@ -175,8 +175,8 @@ def _watched(work: Callable[[RunCallbacks], Outcome], budget: int | None, folder
         if not RunFolder(folder).exists:
             raise
         outcome = RunFolder(folder).outcome()
-        said = f" {outcome.verdict.sentence}." if outcome is not None and outcome.verdict is not None else ""
-        tell(f"interrupted; '{folder}' is kept as it is, --resume goes on with it.{said}")
+        said = f": {outcome.verdict.sentence}" if outcome is not None and outcome.verdict is not None else ""
+        tell(f"'{folder}' is kept as it is, --resume goes on with it{said}")
         return None
 
 
