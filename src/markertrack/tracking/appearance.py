@@ -61,9 +61,8 @@ def own_radii(image: Image, points: Array) -> Array:
         return np.array([_radius_of(radii, sizes[m : m + 1]) for m in range(len(points))])
     unusual = np.log(radii / _radius_of(radii, sizes)) / UNEQUAL
     strongest = radii[np.argmax(sizes * np.exp(-(unusual**2) / 2), axis=1)]
-    clear = (ways >= np.roll(ways, 1, axis=2)) & (ways >= np.roll(ways, -1, axis=2))
     weak = np.quantile(ways.max(axis=2), 0.25, axis=1)  # where it is on something wide, no other edge outshines its own
-    clear &= ways > np.maximum(INNER_EDGE * weak, LEAST_DETAIL)[:, None, None]
+    clear = _peaks(ways) & (ways > np.maximum(INNER_EDGE * weak, LEAST_DETAIL)[:, None, None])
     aside = np.abs(np.log(radii / _radius_of(radii, np.quantile(ways, 0.25, axis=1))))
     edges = np.where(clear.any(axis=2), radii[np.where(clear, aside, np.inf).argmin(axis=2)], np.inf)
     inner = np.median(edges, axis=1)
@@ -73,9 +72,13 @@ def own_radii(image: Image, points: Array) -> Array:
 def _radius_of(radii: Array, changes: Array) -> float:
     change = np.median(changes, axis=0)
     if len(changes) == 1:  # it may be on something round: its own edge is the inner one
-        inner = (change >= np.roll(change, 1)) & (change >= np.roll(change, -1)) & (change > INNER_EDGE * change.max())
-        return float(radii[int(np.argmax(inner))])
+        return float(radii[int(np.argmax(_peaks(change) & (change > INNER_EDGE * change.max())))])
     return float(radii[int(np.argmax(change))])
+
+
+def _peaks(changes: Array) -> Mask:
+    """Where changes over the radii, the last axis, have a maximum. Shapes (..., R) twice."""
+    return (changes >= np.roll(changes, 1, axis=-1)) & (changes >= np.roll(changes, -1, axis=-1))
 
 
 def _changes(image: Image, points: Array) -> tuple[Array, Array]:

@@ -444,7 +444,7 @@ def _together(
     from what it would cover of them.
     """
     height, width = image.shape[0] // block, image.shape[1] // block
-    out, at = np.zeros((len(places), 7)), places.copy()
+    out, at, ways = np.zeros((len(places), 7)), places.copy(), markers - around
     seen, ideal = np.zeros((2, len(places), 7))
     for _ in range(_LLOYD_ROUNDS):
         seen[:], ideal[:] = 0.0, 0.0
@@ -460,7 +460,7 @@ def _together(
                             mine = False
                     if not mine:
                         continue
-                    covered = _coverage(image, i, j, block, around[k], markers[k] - around[k], glossy[k])
+                    covered = _coverage(image, i, j, block, around[k], ways[k], glossy[k])
                     for sums, weight in ((seen, covered), (ideal, min(max(0.5 - beyond, 0.0), 1.0))):
                         sums[k, 0] += weight * dx
                         sums[k, 1] += weight * dy
