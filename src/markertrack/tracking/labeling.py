@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from markertrack.tracking.tracker import Array, Image
 from swimbase.errors import TrackingError
@@ -122,7 +122,7 @@ def label_blobs(blobs: Blobs, rest_markers: Array, heights: Array | None = None)
     order = np.argsort(costs, kind="stable")
     best, others = chains[order[0]], chains[order[1:2]]
     off = _lie(blobs.points[best][None], rest_markers, raised)
-    unusual = np.sqrt((off**2).sum() / float(chi2.median(off.size - 1)))
+    unusual = np.sqrt((off**2).sum() / float(chdtri(off.size - 1, 0.5)))
     if unusual > 1:
         raise TrackingError(
             f"of {len(blobs)} round blobs in the frame the {count} that lie most like the robot's markers are off by "
@@ -183,7 +183,7 @@ def _extended(blobs: Blobs, chains: Index, rest: Array, raised: Array, markers: 
         new = np.insert(part[which], place, blob, axis=1)
         lie, look = _lie(blobs.points[new], rest[of], raised[of]), _look(blobs, new)
         cost, differ = ((off**2).sum(axis=1) for off in (lie, look))
-        fits = (cost < chi2.ppf(SURE, max(lie.shape[1] - 1, 1))) & (differ < chi2.ppf(SURE, look.shape[1]))
+        fits = (cost < chdtri(max(lie.shape[1] - 1, 1), 1 - SURE)) & (differ < chdtri(look.shape[1], 1 - SURE))
         grown.append(new[fits])
         costs.append((cost + differ)[fits])
     return np.concatenate(grown), np.concatenate(costs)
