@@ -19,8 +19,7 @@ LONGEST = 0.1  # s, a gap that can be filled; at 2.25 Hz this is a fifth of a be
 FASTEST_BEAT = 2.25  # Hz, of the trials to come; its second harmonic must survive smoothing as well
 LONGEST_WINDOW = 501  # frames, for more than 4000 frames per second
 LEAST_GAIN = 0.98  # of the beat and its second harmonic that smoothing has to leave
-ORDER = 3  # of the local polynomials
-_NEIGHBORS = 3  # known samples on either side of a gap that a cubic is fitted to
+ORDER = 3  # of the local polynomials, and known samples on either side of a gap
 
 
 def fill_gaps(track: MarkerTrack, longest: float = LONGEST) -> MarkerTrack:
@@ -56,7 +55,7 @@ def _fill(times: Array, values: Array, known: Mask, limit: float) -> None:
     """Fills the gaps of one marker's positions (T, 2) whose neighbors are at most `limit` apart [s], in place."""
     seen = np.flatnonzero(known)
     for i in np.flatnonzero((np.diff(seen) > 1) & (np.diff(times[seen]) <= limit)):
-        before, after = seen[max(i + 1 - _NEIGHBORS, 0) : i + 1], seen[i + 1 : i + 1 + _NEIGHBORS]
+        before, after = seen[max(i + 1 - ORDER, 0) : i + 1], seen[i + 1 : i + 1 + ORDER]
         # samples beyond another long gap say nothing about this one
         before = before[times[before[-1]] - times[before] <= limit]
         after = after[times[after] - times[after[0]] <= limit]

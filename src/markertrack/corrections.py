@@ -23,13 +23,11 @@ from markertrack.track import MarkerTrack
 from markertrack.tracking.free import APART
 from markertrack.tracking.tracker import AGREE, DOUBT, Array, Mask
 
-GAP = 5  # frames between two failures of a marker that are one stretch
-OVERLAP = 0.5  # share of their common time in which two markers of one stretch fail at once
 NEAR = 1.25  # times the usual spacing of markers, within which those of one stretch lie
 NEIGHBORS = 3  # markers with which a lost one is expected to move on
 _SAMPLES = 50  # frames that tell how far apart markers are
 JUMP_SHARE = 0.4  # of the markers' usual spacing, by which the velocity of a marker may change per frame
-MEANWHILE = 5  # frames that a click is believed against the track, on each side, where it says that a marker is hidden
+MEANWHILE = 5  # frames for which what befalls a marker goes on: between two failures, around one that it is hidden in
 
 
 @dataclass(frozen=True)
@@ -73,7 +71,7 @@ def find_stretches(track: MarkerTrack) -> list[Stretch]:
             begin, end, other = group[0]
             common = min(last, end) - first + 1
             apart = expected[first + common // 2, m] - expected[first + common // 2, other]
-            if common >= OVERLAP * (max(last, end) - begin + 1) and np.hypot(*apart) <= near:
+            if 2 * common >= max(last, end) - begin + 1 and np.hypot(*apart) <= near:
                 group.append((first, last, m))
                 break
         else:
@@ -206,9 +204,9 @@ def _around(known: Mask, frame: int) -> tuple[int, int]:
 
 
 def _runs(mask: Mask) -> list[tuple[int, int]]:
-    """First and last frames of what is true, over gaps of at most `GAP` frames."""
+    """First and last frames of what is true, over gaps of at most `MEANWHILE` frames."""
     at = np.flatnonzero(mask)
-    parts = np.split(at, np.flatnonzero(np.diff(at) > GAP + 1) + 1)
+    parts = np.split(at, np.flatnonzero(np.diff(at) > MEANWHILE + 1) + 1)
     return [(int(part[0]), int(part[-1])) for part in parts if len(part)]
 
 

@@ -17,7 +17,7 @@ from markertrack.corrections import corrected, gaps_to_correct
 from markertrack.gaps import follow_gaps
 from markertrack.overlay import TrackOverlay
 from markertrack.points import Anchor
-from markertrack.quality import DOUBTFUL
+from markertrack.quality import DOUBTFUL, MOST_NAMED
 from markertrack.span import Span
 from markertrack.track import MarkerTrack
 from markertrack.tracking.markers import MarkerTracker
@@ -26,9 +26,7 @@ from markertrack.video import Frame, VideoReader, frames_backwards
 from swimbase.arrays import Array
 from swimbase.errors import TrackingError, TrialError
 
-FIRST_LOOK = 2.0  # s after which is reported what can't be tracked
-OFTEN = 0.5  # share of these in which a marker is lost or doubtful, from which it is named
-MOST_NAMED = 6
+FIRST_LOOK = 2.0  # s after which is reported what can't be tracked in most frames
 BLURRED, AROUND = 0.3, 20  # sharpness of the first picture, as a share of later ones', and px around markers it is of
 BLURRED_FRAME = "the frame in which the points were picked is blurred: pick them in a sharp one (`pick --from`)"
 SLACK = 30  # frames by which a file may have more than it says
@@ -232,7 +230,7 @@ def _sharpness(image: NDArray[np.uint8], places: Array) -> float:
 def _first_look(names: Sequence[str], confidence: Array, tracker: Tracker, blurred: bool) -> str:
     """What can't be tracked, why, and what would help; nothing where all is well. `confidence` has shape (T, M)."""
     share = (confidence < DOUBTFUL).mean(axis=0)
-    bad: list[int] = [m for m in np.argsort(-share, kind="stable").tolist() if share[m] > OFTEN]
+    bad: list[int] = [m for m in np.argsort(-share, kind="stable").tolist() if share[m] > 0.5]
     if not bad:
         return ""
     if blurred:

@@ -22,19 +22,16 @@ from swimbase.errors import TrialError
 
 REASONS = ("missing", "collapsed", "misplaced", "jumped", "frozen", "doubtful")
 DOUBTFUL = 0.5  # confidence below which a marker's position isn't believed
-COLLAPSE_SHARE = 0.4  # of the distance that two neighbors should keep
+COLLAPSE_SHARE = 0.4  # of the distance that two neighbors should keep; it can't change by the rest from frame to frame
 BEND_SHARE = 0.12  # by which a spacing along the bending body may change
-PLACE_TOLERANCE = 0.010  # m, on top of it
+PLACE_TOLERANCE = 0.010  # m, on top of it; that a marker jumps beyond what others do, or others move while it is frozen
 STRAY_DISTANCE = 0.04  # m by which two markers may be farther apart than they should, on top of BEND_SHARE
 DRIFT_DISTANCE = 0.022  # m by which a spacing may differ from the first frame's for good: bending there, parallax later
-JUMP_DISTANCE = 0.012  # m from one frame to the next, beyond what its neighbors do
 FREEZE_TIME = 0.15  # s without moving at all
-FREEZE_TRAVEL = 0.01  # m that the other markers moved meanwhile
 GAP_TIME = 0.1  # s between two losses that is counted as lost as well
 HEAD_SPREAD = 0.05  # of the head's length, above which its scale is doubtful
 MOST_NAMED = 10  # lost markers with a sentence each; of more the worst are named in one
-SWAP_SHARE = 0.6  # of the distance to the next marker on a body, by which a distance can't change from frame to frame
-SUDDEN = 8.0  # times the usual change of a body's step, above which it jumped
+SUDDEN = 8.0  # times a usual step, or a change of one, above which a marker or a body jumped
 MOST_PAIRS = 20_000_000  # pairs of markers times frames: an hour at 60 frames per second with 9 markers
 _START_FRAMES = 5
 MOST_OFF = 5.0  # times larger or smaller than the robot, which no camera file is off by
@@ -43,8 +40,7 @@ _CLOSE = 1.6  # times, within which a factor is taken for a unit's
 _BETTER = 0.5  # of the misfit of one order that the other order must come below
 _NOTABLE = 0.04  # of the robot's length, below which spacings fit either way
 _SLOWEST, _FASTEST = 0.6, 1.2  # of its nominal frequency, at which a motor under load turns
-_SAMPLES = 200  # frames that are looked at
-_MOST_PAIRS = 500
+_SAMPLES = 200  # frames, and pairs of markers, that are looked at
 USABLE_SHARE = 0.05  # of frames that a marker may be lost for in a trial that is used without a second thought
 
 
@@ -197,7 +193,7 @@ def _swapped(positions: Array) -> Mask:
     """Markers of one body whose distances from the others changed suddenly. Shape (T, M)."""
     distances = np.linalg.norm(positions[:, :, None] - positions[:, None], axis=3)  # (T, M, M)
     last = _median(distances[:_START_FRAMES])
-    limit = SWAP_SHARE * np.nanmin(np.where(np.eye(len(last), dtype=bool), np.inf, last))
+    limit = (1 - COLLAPSE_SHARE) * np.nanmin(np.where(np.eye(len(last), dtype=bool), np.inf, last))
     out = np.zeros(positions.shape[:2], dtype=bool)
     for t, now in enumerate(distances):
         with np.errstate(invalid="ignore"):
@@ -215,7 +211,7 @@ def _jumped_together(positions: Array) -> Mask:
     """Frames in which a whole body is away by about the distance of two markers, from jump to jump. Shape (T,)."""
     first = _median(positions[:_START_FRAMES])
     apart = np.linalg.norm(first[:, None] - first, axis=2)
-    limit = SWAP_SHARE * float(np.nanmin(np.where(np.eye(len(first), dtype=bool), np.inf, apart)))
+    limit = (1 - COLLAPSE_SHARE) * float(np.nanmin(np.where(np.eye(len(first), dtype=bool), np.inf, apart)))
     out = np.zeros(len(positions), dtype=bool)
     steps = _median(np.diff(positions, axis=0).swapaxes(0, 1))  # of markers that are seen in both frames, (T - 1, 2)
     change = np.linalg.norm(np.diff(steps, axis=0), axis=1)  # (T - 2,)
@@ -364,7 +360,7 @@ def _frozen(track: MarkerTrack, interval: float) -> Mask:
     for m in np.flatnonzero(still.any(axis=0)):
         for start, stop in runs(still[:, m]):
             travel = np.linalg.norm(track.positions[stop - 1] - track.positions[max(start - 1, 0)], axis=1)
-            if stop - start >= least and _median(np.delete(travel, m)) > FREEZE_TRAVEL:
+            if stop - start >= least and _median(np.delete(travel, m)) > PLACE_TOLERANCE:
                 frozen[start:stop, m] = True
     return frozen
 
@@ -375,7 +371,7 @@ def _jumped(track: MarkerTrack, interval: float, known: Mask) -> Mask:
     steps[1:] = np.linalg.norm(np.diff(track.body, axis=0), axis=2)
     steps[1:][known[1:] | known[:-1]] = np.nan
     usual = _median(steps)
-    limit = np.maximum(JUMP_DISTANCE * max(1.0, 60 * interval), 8 * np.nan_to_num(usual))
+    limit = np.maximum(PLACE_TOLERANCE * max(1.0, 60 * interval), SUDDEN * np.nan_to_num(usual))
     with np.errstate(invalid="ignore"):
         return steps > limit
 
@@ -492,7 +488,7 @@ def _ratios(track: MarkerTrack, rest: Array) -> Array:
     """Distances of pairs of markers, as a share of those at rest. Shape (K,)."""
     first, second = np.triu_indices(len(rest), 1)
     known = np.linalg.norm(rest[first] - rest[second], axis=1)
-    pairs = np.argsort(-known, kind="stable")[:_MOST_PAIRS]
+    pairs = np.argsort(-known, kind="stable")[:_SAMPLES]
     pairs = pairs[known[pairs] > 0]
     seen = _sampled(track)
     apart = _median(np.linalg.norm(seen[:, first[pairs]] - seen[:, second[pairs]], axis=2))

@@ -14,7 +14,7 @@ from numba import njit  # pyright: ignore[reportMissingTypeStubs]
 from numpy.typing import NDArray
 
 from markertrack.tracking.matching import gaps_of
-from markertrack.tracking.tracker import Array, Image, Mask
+from markertrack.tracking.tracker import AGREE, Array, Image, Mask
 from swimbase.errors import TrackingError
 
 BITS = 6  # of each color that the table of coverage keeps
@@ -30,8 +30,7 @@ LONE_GAP = 80.0  # px to the next marker that is assumed where there is none: it
 LEAST_CONTRAST = 0.35  # coverage of a marker's inside above its surroundings
 _LEAST_COVERAGE = 0.15  # below it a pixel is noise
 _RADII = 1.12 ** np.arange(32) * 1.5
-_SURE_ROUNDS, _ROUNDS = 3, 4
-CLICK_ERROR = 3.0  # px that a picked point may be off
+ROUNDS = 4  # of fitting discs anew, as what they are fitted by changes with them
 _RIDGE = 1e-5
 
 
@@ -196,8 +195,8 @@ class Appearance:
     def _fitted(self, image: Image, points: Array, radius: float) -> None:
         """Color, radius and centers, in turns until they agree."""
         self.points, self.radius = points.copy(), radius
-        for sure in (*(True,) * _SURE_ROUNDS, *(False,) * _ROUNDS):
-            self._first: tuple[Array, ...] = _moments(image, self.points, self.radius, CLICK_ERROR if sure else 0.0)
+        for sure in np.repeat([True, False], ROUNDS):
+            self._first: tuple[Array, ...] = _moments(image, self.points, self.radius, AGREE[1] if sure else 0.0)
             self._rebuild(self._first)
             # as far as the points may be off, but not nearer to another marker
             reaches = np.full(len(points), 1.3 * self.radius + 2.0)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter, uniform_filter
 
-from markertrack.tracking.appearance import Appearance, contrasts, covered, discs
+from markertrack.tracking.appearance import ROUNDS, Appearance, contrasts, covered, discs
 from markertrack.tracking.free import APART
 from markertrack.tracking.matching import MOST, Chain, filled, gaps_of, match
 from markertrack.tracking.tracker import Array, Image, Mask, check_order, check_points, inside
@@ -25,8 +25,6 @@ MANY = 2  # markers that must be missing, and blobs left over, before the whole 
 BLUR_SHARE = 0.25  # of a marker's step that blurs it to each side: a shutter that is open half of the time
 _DETAIL = 4.0  # px radius at which blobs are searched for: larger markers are looked at in less detail
 _MOST_BLOBS = 80
-_HISTORY = 3
-_OVERLAP_ROUNDS = 4
 
 
 class DetectionTracker:
@@ -107,7 +105,7 @@ class DetectionTracker:
             return positions, contrast
         blur, at = BLUR_SHARE * self._steps(), seeds[seen]
         reaches = radius + 0.5 + blur[seen]
-        for _ in range(_OVERLAP_ROUNDS if crowded.any() else 1):
+        for _ in range(ROUNDS if crowded.any() else 1):
             at, self._share[seen] = discs(image, self._look.table, seeds[seen], reaches, seeds, radius)
             seeds[seen] = np.where(np.isfinite(at), at, seeds[seen])
         at[_outside(at, image, radius) | (np.linalg.norm(at - places[seen], axis=1) > 2 * radius)] = np.nan
@@ -170,14 +168,9 @@ class DetectionTracker:
         last = self._tracks[-1]
         out = last.copy()
         if len(self._tracks) >= 2:
-            t = np.array(self._times)
-            span = (time - t[-1]) / (t[-1] - t[-2])
-            velocity = (last - self._tracks[-2]) * span
-            out = np.where(np.isfinite(velocity), last + velocity, out)
-            if len(self._tracks) >= 3:
-                before = (self._tracks[-2] - self._tracks[-3]) * ((t[-1] - t[-2]) / (t[-2] - t[-3]))
-                bend = (last - self._tracks[-2] - before) * span * (span + 1) / 2
-                out = np.where(np.isfinite(bend), out + 0.9 * bend, out)
+            before, now = self._times
+            velocity = (last - self._tracks[-2]) / (now - before)
+            out = np.where(np.isfinite(velocity), last + velocity * (time - now), out)
         return filled(out, self._shapes)
 
     @property
@@ -200,8 +193,8 @@ class DetectionTracker:
         self._shapes[seen] = filled(positions, self._shapes)
         just_lost = ~seen & (np.isfinite(self._tracks[-1][:, 0]) if self._tracks else True)
         self._lost_since = np.where(just_lost, time, self._lost_since)
-        self._times = [*self._times, time][-_HISTORY:]
-        self._tracks = [*self._tracks, positions][-_HISTORY:]
+        self._times = [*self._times, time][-2:]
+        self._tracks = [*self._tracks, positions][-2:]
 
     def _adapt(self, image: Image, positions: Array, confidence: Array, time: float) -> None:
         sure = confidence > 0.7
