@@ -20,7 +20,6 @@ from markertrack.gaps import Gap
 from markertrack.points import Anchor
 from markertrack.quality import DOUBTFUL
 from markertrack.track import MarkerTrack
-from markertrack.tracking.free import APART
 from markertrack.tracking.tracker import AGREE, DOUBT, Array, Mask
 
 NEAR = 1.25  # times the usual spacing of markers, within which those of one stretch lie
@@ -175,7 +174,7 @@ def corrected(track: MarkerTrack, gaps: Sequence[Gap]) -> MarkerTrack:
         part, beside = slice(gap.first, gap.last + 1), np.arange(track.marker_count) != gap.marker
         places, sure = gap.followed()
         away = np.linalg.norm(track.positions[part] - places[:, None], axis=2)[:, beside]
-        taken = (away < 2 * APART * gap.radius) & (track.confidence[part][:, beside] >= DOUBTFUL)
+        taken = (away < gap.radius) & (track.confidence[part][:, beside] >= DOUBTFUL)
         positions[part, gap.marker] = places
         confidence[part, gap.marker] = np.where(taken.any(axis=1), np.minimum(sure, DOUBT), sure)
     return MarkerTrack(track.times, positions, confidence)

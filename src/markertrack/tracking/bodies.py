@@ -14,8 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markertrack.tracking.body import AGAIN_FRAMES, STIFF, Body, distance
-from markertrack.tracking.free import BLURRED, NEARBY
-from markertrack.tracking.looks import LIKE, Looks, squares
+from markertrack.tracking.looks import BLURRED, LIKE, NEARBY, Looks, squares
 from markertrack.tracking.rigid import Expected, Labeling, label, rigid_fit
 from markertrack.tracking.spots import Spots, streaks
 from markertrack.tracking.tracker import DOUBT, REASONS, Array, Image, Mask, check_order, inside

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter, uniform_filter
 
 from markertrack.tracking.appearance import ROUNDS, Appearance, contrasts, covered, discs
-from markertrack.tracking.free import APART
 from markertrack.tracking.matching import MOST, Chain, filled, gaps_of, match
 from markertrack.tracking.tracker import Array, Image, Mask, check_order, check_points, inside
 from swimbase.errors import TrackingError
@@ -49,7 +48,7 @@ class DetectionTracker:
         self._lost_since = np.full(count, -np.inf)
         self._learned, self._seen_at = time, time
         confidence = np.clip(self._look.contrast / max(float(np.median(self._look.contrast)), 1e-9), 0.0, 1.0)
-        confidence[(confidence < LIKELY) | (gaps_of(positions) < 2 * APART * self._look.radius)] = 0.0
+        confidence[(confidence < LIKELY) | (gaps_of(positions) < self._look.radius)] = 0.0
         positions = np.where(confidence[:, None] > 0, positions, np.nan)
         self._remember(positions, time)
         self._interval = 0.0
@@ -115,7 +114,7 @@ class DetectionTracker:
         # part of a marker has its center elsewhere
         size = self._share / self._shares
         with np.errstate(invalid="ignore"):
-            positions[gaps_of(positions) < 2 * APART * radius] = np.nan  # their places in one blob are a guess
+            positions[gaps_of(positions) < radius] = np.nan  # their places in one blob are a guess
         positions[(confidence < LIKELY) | (size < 1 / SAME_AREA) | (size > SAME_AREA)] = np.nan
         positions[self._chain.strained(self._chain.strain(positions, self._slack), count)] = np.nan
         strain = self._chain.strain(positions, self._slack)

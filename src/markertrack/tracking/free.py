@@ -16,7 +16,7 @@ from scipy.optimize import linear_sum_assignment
 
 from markertrack.tracking.colors import OwnColors
 from markertrack.tracking.flow import Flow, Moves
-from markertrack.tracking.looks import LIKE, Looks, squares
+from markertrack.tracking.looks import BLURRED, LIKE, NEARBY, Looks, squares
 from markertrack.tracking.spots import Spots
 from markertrack.tracking.tracker import DOUBT, REASONS, Array, Image, Mask, check_order, contradict, inside
 
@@ -24,7 +24,6 @@ CERTAIN, RIGHT, LIKELY = 1.0, 0.9, 0.8  # confidence by spot, own spot, spot els
 MOST_OFF = 1.0, 0.1  # px, or radii, by which a marker's points may disagree
 NEAR = 0.6, 2.0  # radii and px from where it was carried within which its spot lies
 FAR = 1.5  # radii within which one is looked for that wasn't carried, besides how it may have moved
-NEARBY = 8.0  # radii, besides its step, within which one is looked for by its picture
 SMALL = 5.0  # px radius, below which a picture tells the place of a marker better than flow does
 AGAIN = 2  # frames that a marker must be seen in one after the other, after it was lost
 CLEAR = 0.65  # likeness of a spot, below which it is measured anew in its colors of now
@@ -33,8 +32,6 @@ SAME, SURELY = 0.75, 0.85  # correlation with its picture where it was carried t
 RATIO = 0.5  # of the distance to another marker or spot that may be meant as well
 AHEAD = 0.5  # of its step by which a marker may be beside where it is expected
 SLOWER = 0.5, 0.9  # of the speed in each frame in which it isn't seen, and of the largest one
-APART = 0.5  # of the sum of two markers' radii
-BLURRED = 0.7  # radii by which a spot may be longer than its motion tells
 
 
 class FreeTracker:
@@ -97,7 +94,7 @@ class FreeTracker:
         moves = self._flow.follow(image, self._places, self.radii, self._steps)
         carried = moves.errors < np.maximum(MOST_OFF[0], MOST_OFF[1] * self.radii)
         there = self._places + moves.steps
-        carried &= inside(there, image)
+        carried &= inside(there, image) & ~self._stayed(image, there, carried)
         expected = np.where(carried[:, None], there, self._places + self._steps)
         self._looks.grow(np.where(carried, moves.growths, 1.0))
         found = self._spots(image, expected, carried, moves)
@@ -124,6 +121,20 @@ class FreeTracker:
             self.colors.learn(image, marker, positions[marker], self.radii[marker])
         return positions, np.where(sure, confidence, np.minimum(confidence, DOUBT))
 
+    def _stayed(self, image: Image, there: Array, carried: Mask) -> Mask:
+        """Markers that flow led elsewhere, while something like them is where they would be by their last step.
+
+        An equal one that comes near may take the flow with it. Shapes (M, 2), (M,).
+        """
+        expected = self._places + self._steps
+        aside = carried & contradict(there, expected, self.radii)
+        if not aside.any():
+            return aside
+        spots = self._looks.find(image, np.where(aside[:, None], squares(expected, self.radii), 0))
+        like = self._looks.likeness(spots, self._places, np.hypot(*self._steps.T), BLURRED * self.radii) > CLEAR
+        near = ~contradict(spots.centers, expected[:, None], self.radii[:, None])
+        return aside & (like & near).any(axis=1)
+
     def _spots(self, image: Image, expected: Array, carried: Mask, moves: Moves) -> _Found:
         """The spots that look like the markers where they are looked for."""
         speed = np.maximum(self._fastest, np.hypot(*self._steps.T))
@@ -139,7 +150,7 @@ class FreeTracker:
         away = np.linalg.norm(spots.centers - expected[:, None], axis=2)
         possible = (like > LIKE) & (away < reach[:, None]) & (of == np.arange(len(expected))[:, None])
         cost = np.where(possible, away / reach[:, None] + 1 - like, 1e3)
-        apart = np.linalg.norm(spots.centers[:, None] - spots.centers, axis=2) > APART * self.radii[of]
+        apart = np.linalg.norm(spots.centers[:, None] - spots.centers, axis=2) > self.radii[of] / 2
         first = apart.argmin(axis=1)  # of those that are the same one, as another marker sees it
         shared = np.array([np.where(first == one, cost, 1e3).min(axis=1) for one in range(len(spots))]).T
         rows, columns = linear_sum_assignment(shared)
@@ -223,7 +234,7 @@ class FreeTracker:
     def _doubles(self, positions: Array, confidence: Array) -> Mask:
         """Markers at another's place, which is certain, or was later; of two equal ones, both."""
         confidence = confidence + 1 / (1 + self._doubtful)
-        near = np.linalg.norm(positions[:, None] - positions, axis=2) < APART * (self.radii[:, None] + self.radii)
+        near = np.linalg.norm(positions[:, None] - positions, axis=2) < (self.radii[:, None] + self.radii) / 2
         np.fill_diagonal(near, False)
         return (near & (confidence[:, None] <= confidence)).any(axis=1)
 

@@ -26,6 +26,8 @@ CLICK_SHARE = 0.7  # of the radius by which a point may be beside the spot's cen
 LONGEST = 3.0  # ratio of the axes of a marker
 PICTURE_RADIUS = 12.0  # px of a marker that is known by its picture, if there is room
 BESIDE = 5.0  # radii within which a spot that wasn't clicked is named
+BLURRED = 0.7  # radii by which a spot may be longer than its motion tells
+NEARBY = 8.0  # radii, besides its step, within which a marker is looked for by its picture
 MOST_STREAK = 1.3  # of a marker's step, with a shutter that is always open and a speed that changes
 LIKE = 0.5  # likeness of a spot, below which the marker is looked for by its picture
 GROWTH = 0.1  # of a change of a marker's area that is taken in, in each frame
@@ -84,7 +86,7 @@ class Looks:
             radii[self.plain] = np.sqrt(own.areas[self.plain] / np.pi)
         self._finder = SpotFinder(image, self.points, radii, glossy)
         if not self.plain.all():
-            _check_the_rest(image, self.points, ~self.plain)
+            _check_the_rest(image, self.points, radii, ~self.plain)
             radii[~self.plain] = np.median(radii[self.plain]) if self.plain.any() else PICTURE_RADIUS
             self._finder.radii, self._finder.kinds[~self.plain] = radii, -1
         self._areas = np.pi * radii**2
@@ -338,7 +340,7 @@ def _contrasts(image: Image, points: Array, radii: Array, plain: Mask) -> Array:
     return out
 
 
-def _check_the_rest(image: Image, points: Array, odd: Mask) -> None:
+def _check_the_rest(image: Image, points: Array, radii: Array, odd: Mask) -> None:
     """Markers that no spot was found for may be tags, or known by their pictures; or the points lie beside them."""
     tags = dictionary_at(image, points[odd])
     if tags is not None:
@@ -355,7 +357,8 @@ def _check_the_rest(image: Image, points: Array, odd: Mask) -> None:
         away = np.linalg.norm(points[odd][:, None] - blobs.points, axis=2)
         nearest = away.argmin(axis=1)
         near = away.min(axis=1)
-        beside = (near > CLICK_SHARE * blobs.radii[nearest]) & (near < BESIDE * blobs.radii[nearest] + 3)
+        part = near + blobs.radii[nearest] < radii[odd]  # a glint on the marker
+        beside = ~part & (near > CLICK_SHARE * blobs.radii[nearest]) & (near < BESIDE * blobs.radii[nearest] + 3)
         if beside.sum() > len(beside) // 2:
             first = int(beside.argmax())
             (x, y), far, blob = points[odd][first], near[first], nearest[first]

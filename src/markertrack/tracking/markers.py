@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markertrack.tracking.bodies import BodyTracker
-from markertrack.tracking.free import APART, CERTAIN, NEARBY, RATIO, FreeTracker
-from markertrack.tracking.looks import Looks
+from markertrack.tracking.free import CERTAIN, RATIO, FreeTracker
+from markertrack.tracking.looks import NEARBY, Looks
 from markertrack.tracking.tracker import DOUBT, REASONS, Array, Image, Mask
 
 FOUND = 0.7  # of the markers of a soft body, up to which it is left
@@ -129,7 +129,7 @@ class MarkerTracker:
     @staticmethod
     def _doubled(places: Array, radii: Array, others: Array, known: Array) -> Mask:
         """Which markers are at the place of another one, whose radius is known if its place is. Shapes (K,), (M,)."""
-        near = np.linalg.norm(places[:, None] - others, axis=2) < APART * (radii[:, None] + known)
+        near = np.linalg.norm(places[:, None] - others, axis=2) < (radii[:, None] + known) / 2
         return near.any(axis=1)
 
     def _leave(self, image: Image, time: float, part: NDArray[np.int64], positions: Array, confidence: Array) -> None:
