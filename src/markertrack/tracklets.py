@@ -125,7 +125,7 @@ class Things:
     def _like(self, image: Image) -> Array:
         """Centers of spots that look like it, however fast they move, the likest first. Shape (P, 2)."""
         spots = self._looks.find(image, np.array([[0, 0, *image.shape[1::-1]]]))
-        like = self._looks.likeness(spots, self._looks.points, np.zeros(1), np.full(1, np.inf))[0]
+        like = self._looks.likeness(spots, self._looks.points, np.full(1, np.inf))[0]
         order = np.argsort(-like, kind="stable")
         return spots.centers[order[like[order] > LIKE]]
 

@@ -24,7 +24,6 @@ INNER_EDGE = 0.4  # of the largest change of color, from which an edge further i
 SECTORS = 8  # directions from a point: a marker ends in all of them, what it is on doesn't
 LEAST_DETAIL = 8.0  # levels of a camera, above its noise
 MUCH = 1.3  # ratio of the radii of two edges of which only one may be a marker's
-FEW = 3  # markers of which each may have a radius of its own
 UNEQUAL = 0.7  # by which the logarithm of a marker's radius easily differs from the usual one's
 LONE_GAP = 80.0  # px to the next marker that is assumed where there is none: it tells how large one may be
 LEAST_CONTRAST = 0.35  # coverage of a marker's inside above its surroundings
@@ -49,15 +48,15 @@ def radius_at(image: Image, points: Array) -> float:
 
 
 def own_radii(image: Image, points: Array) -> Array:
-    """Radius of each marker, likelier near the usual one; of few markers each by itself [px]. Shape (M,).
+    """Radius of each marker, likelier near the usual one [px]. Shape (M,).
 
     The strongest edge may be that of what a marker is on: if most directions have a clear one much further inside, it
     is that.
     """
     radii, changes = _changes(image, points)
     sizes, ways = changes[:, 0], changes[:, 1:]
-    if len(points) < FEW:
-        return np.array([_radius_of(radii, sizes[m : m + 1]) for m in range(len(points))])
+    if len(points) == 1:
+        return np.array([_radius_of(radii, sizes)])
     unusual = np.log(radii / _radius_of(radii, sizes)) / UNEQUAL
     strongest = radii[np.argmax(sizes * np.exp(-(unusual**2) / 2), axis=1)]
     weak = np.quantile(ways.max(axis=2), 0.25, axis=1)  # where it is on something wide, no other edge outshines its own

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markertrack.tracking.body import AGAIN_FRAMES, STIFF, Body, distance
-from markertrack.tracking.looks import BLURRED, LIKE, NEARBY, Looks, squares
+from markertrack.tracking.looks import LIKE, NEARBY, Looks, squares
 from markertrack.tracking.rigid import Expected, Labeling, label, rigid_fit
 from markertrack.tracking.spots import Spots, streaks
 from markertrack.tracking.tracker import DOUBT, REASONS, Array, Image, Mask, check_order, inside
@@ -114,6 +114,11 @@ class BodyTracker:
         body = next(body for body in self._bodies if body.markers[0] == markers[0])
         return self._looks.of(markers), body.history[-1][1]
 
+    def carry(self, markers: NDArray[np.int64], places: Array, time: float) -> None:
+        """Takes in where flow brought a body that wasn't found, NaN where it doesn't know [px]. Shape (M, 2)."""
+        body = next(body for body in self._bodies if body.markers[0] == markers[0])
+        body.carry(places, time, self._radius(body))
+
     def leave(self, markers: NDArray[np.int64]) -> tuple[Looks, Array]:
         """Doesn't follow a body any longer, which is that of these markers: what is `known` of it."""
         known = self.known(markers)
@@ -133,7 +138,7 @@ class BodyTracker:
         boxes, places = np.zeros((len(self._numbers), 4), dtype=np.int64), np.full((len(self._numbers), 2), np.nan)
         for body, one in zip(self._bodies, expected, strict=True):
             boxes[body.markers], places[body.markers] = squares(one.places, one.reach), one.places
-        spots = self._looks.find(image, boxes, places)
+        spots = self._looks.find(image, boxes, self._steps(), places)
         if others is not None:
             spots = self._looks.added(spots, self._likeness(spots), others)
         return self._among(image, spots, expected)
@@ -145,13 +150,17 @@ class BodyTracker:
 
     def _likeness(self, spots: Spots) -> Array:
         """How much each spot looks like each marker, of which none is blurred by more than it moved. Shape (M, P)."""
-        count = len(self._numbers)
-        last, steps, slack = np.zeros((count, 2)), np.zeros(count), np.zeros(count)
+        last = np.zeros((len(self._numbers), 2))
         for body in self._bodies:
             last[body.markers] = body.history[-1][1]
-            slack[body.markers] = BLURRED * self._radius(body)
+        return self._looks.likeness(spots, last, self._steps())
+
+    def _steps(self) -> Array:
+        """How far each marker's body moved last [px]. Shape (M,)."""
+        steps = np.zeros(len(self._numbers))
+        for body in self._bodies:
             steps[body.markers] = body.step
-        return self._looks.likeness(spots, last, steps, slack)
+        return steps
 
     def _with_pictures(
         self, image: Image, spots: Spots, labeling: Labeling, expected: list[Expected]
@@ -244,16 +253,23 @@ class BodyTracker:
             body.lose(0.5 * (radius + body.step))
             return
         if far:
+            body.doubt = body.doubt or body.spread(radius)
             body.begin(places, time, self._fastest if few else 0.0)
         else:
             body.follow(places, time)
         found.off[markers] = np.linalg.norm(rigid_fit(body.shape, places) - places, axis=1)[seen]
         if lead < LEAD:
             body.doubt = body.doubt or 0.5 * one.reach
-        elif body.followed >= AGAIN_FRAMES:
+        elif body.followed >= AGAIN_FRAMES and not self._rivals(body):
             body.doubt = body.swing = 0.0
         if body.doubt == 0.0 and not body.fixed:
             self._fastest = max(self._fastest, distance(body.history[-1][1], last) / frames)
+
+    def _rivals(self, body: Body) -> bool:
+        """Whether a body of the same shape isn't found again for sure either, and may be what was found."""
+        lost = [one for one in self._bodies if one is not body and one.doubt > 0 and one.followed < AGAIN_FRAMES]
+        alike = [one for one in lost if len(one.shape) == len(body.shape)]
+        return any(distance(rigid_fit(one.shape, body.shape), body.shape) < self._radius(body) for one in alike)
 
     def _twice(self, positions: Array) -> list[Body]:
         """Bodies of which a marker is where that of another body is, which is the more certain of the two (M, 2)."""
@@ -273,8 +289,7 @@ class BodyTracker:
         fast = seen & (steps > radii)
         if fast.sum() < 3:
             return np.zeros(len(seen), dtype=bool)
-        seen_streaks = np.where(streaks > BLURRED * radii, streaks, 0.0)  # shorter ones are noise of the moments
-        shutter = np.median(seen_streaks[fast] / steps[fast])
+        shutter = np.median(streaks[fast] / steps[fast])
         return fast & (np.abs(streaks - shutter * steps) > np.maximum(6.0, 0.6 * radii))
 
     def _confidence(self, found: _Found) -> Array:

@@ -116,6 +116,14 @@ class Body:
         self.surprise = surprise
         self.history = [(time, rigid_fit(self.shape, rigid_fit(self.history[-1][1], places)))]
 
+    def carry(self, places: Array, time: float, radius: float) -> None:
+        """Takes in where others know that it is, NaN where they don't [px]. Shape (M, 2)."""
+        before = [one for one in self.history if one[0] != time]
+        last = (before or self.history)[-1][1]
+        self.history = [*before, (time, rigid_fit(self.shape, rigid_fit(last, places)))][-3:]
+        self.unseen, self.swing, self.surprise = 0, 0.0, 0.0
+        self.doubt = self.spread(radius)
+
     def lose(self, way: float) -> None:
         """Takes in that it isn't seen, while it may go some way [px]."""
         self.unseen += 1

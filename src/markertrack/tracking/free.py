@@ -16,7 +16,7 @@ from scipy.optimize import linear_sum_assignment
 
 from markertrack.tracking.colors import OwnColors
 from markertrack.tracking.flow import Flow, Moves
-from markertrack.tracking.looks import BLURRED, LIKE, NEARBY, Looks, squares
+from markertrack.tracking.looks import LIKE, NEARBY, Looks, squares
 from markertrack.tracking.spots import Spots
 from markertrack.tracking.tracker import DOUBT, REASONS, Array, Image, Mask, check_order, contradict, inside
 
@@ -31,7 +31,7 @@ REPEATED = 0.02  # px that nothing moves by in a picture that repeats the last o
 SAME, SURELY = 0.75, 0.85  # correlation with its picture where it was carried to, and elsewhere
 RATIO = 0.5  # of the distance to another marker or spot that may be meant as well
 AHEAD = 0.5  # of its step by which a marker may be beside where it is expected
-SLOWER = 0.5, 0.9  # of the speed in each frame in which it isn't seen, and of the largest one
+SLOWER = 0.9  # of the speed, and of the largest one, that is left in each frame in which it isn't seen
 
 
 class FreeTracker:
@@ -95,6 +95,7 @@ class FreeTracker:
         carried = moves.errors < np.maximum(MOST_OFF[0], MOST_OFF[1] * self.radii)
         there = self._places + moves.steps
         carried &= inside(there, image) & ~self._stayed(image, there, carried)
+        carried &= ~self._lost | (self._agreed > 0)  # from where it isn't, flow leads nowhere
         expected = np.where(carried[:, None], there, self._places + self._steps)
         self._looks.grow(np.where(carried, moves.growths, 1.0))
         found = self._spots(image, expected, carried, moves)
@@ -130,8 +131,9 @@ class FreeTracker:
         aside = carried & contradict(there, expected, self.radii)
         if not aside.any():
             return aside
-        spots = self._looks.find(image, np.where(aside[:, None], squares(expected, self.radii), 0))
-        like = self._looks.likeness(spots, self._places, np.hypot(*self._steps.T), BLURRED * self.radii) > CLEAR
+        ways = np.hypot(*self._steps.T)
+        spots = self._looks.find(image, np.where(aside[:, None], squares(expected, self.radii), 0), ways)
+        like = self._looks.likeness(spots, self._places, ways) > CLEAR
         near = ~contradict(spots.centers, expected[:, None], self.radii[:, None])
         return aside & (like & near).any(axis=1)
 
@@ -146,7 +148,7 @@ class FreeTracker:
         more, rivals = ~alone, np.zeros((len(expected), len(expected)), dtype=bool)
         if not len(spots):
             return _Found(spots, chosen, np.zeros(len(expected)), alone, more, rivals, reach)
-        like = self._looks.likeness(spots, self._places, np.hypot(*moves.steps.T), BLURRED * self.radii)
+        like = self._looks.likeness(spots, self._places, np.hypot(*moves.steps.T))
         away = np.linalg.norm(spots.centers - expected[:, None], axis=2)
         possible = (like > LIKE) & (away < reach[:, None]) & (of == np.arange(len(expected))[:, None])
         cost = np.where(possible, away / reach[:, None] + 1 - like, 1e3)
@@ -179,8 +181,9 @@ class FreeTracker:
         first, last = boxes[:, None, :2], boxes[:, None, 2:]
         touching = ((first < boxes[:, 2:]) & (last > boxes[:, :2])).all(axis=2) & joint & joint[:, None]
         np.fill_diagonal(touching, True)
+        ways = np.hypot(*self._steps.T)
         found = [
-            self._looks.find(image, np.where(one, boxes, 0), np.where(one, expected, np.nan))
+            self._looks.find(image, np.where(one, boxes, 0), ways, np.where(one, expected, np.nan))
             for one in touching[..., None]
         ]
         of = np.repeat(np.arange(len(boxes)), [len(spots) for spots in found])
@@ -246,7 +249,7 @@ class FreeTracker:
     def _take(self, positions: Array, good: Mask, known: Mask, moves: Moves, carried: Mask, size: Array) -> None:
         """Takes in where the markers were seen, and how they moved."""
         seen = np.isfinite(positions[:, 0]) & (good | carried)
-        slower = SLOWER[0] * self._steps
+        slower = SLOWER * self._steps
         if (np.abs(moves.steps) > REPEATED).any():
             steps = np.where(carried[:, None], moves.steps, slower)
             self._steps = np.where((self._agreed > 1)[:, None], positions - self._places, steps)
@@ -254,7 +257,7 @@ class FreeTracker:
         self._doubtful = np.where(known, 0, self._doubtful + 1)
         self._lost = ~known & (self._lost | ~carried)
         self._jumped, self._rivals = self._jumped & ~known, self._rivals & ~known[:, None]
-        fastest = np.maximum(SLOWER[1] * self._fastest, np.hypot(*self._steps.T))
+        fastest = np.maximum(SLOWER * self._fastest, np.hypot(*self._steps.T))
         self._fastest = np.where(known, fastest, self._fastest)
 
 

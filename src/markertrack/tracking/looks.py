@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from copy import copy
 from dataclasses import dataclass
-from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +15,7 @@ from numpy.typing import NDArray
 from markertrack.tracking.appearance import LEAST_DETAIL, own_radii
 from markertrack.tracking.labeling import find_blobs
 from markertrack.tracking.patches import Patches
-from markertrack.tracking.spots import SpotFinder, Spots, streak_lengths
+from markertrack.tracking.spots import SHARP, SpotFinder, Spots, streak_lengths
 from markertrack.tracking.tags import dictionary_at
 from markertrack.tracking.tracker import Array, Image, Mask, check_points, contradict
 from swimbase.errors import TrackingError
@@ -26,23 +25,19 @@ CLICK_SHARE = 0.7  # of the radius by which a point may be beside the spot's cen
 LONGEST = 3.0  # ratio of the axes of a marker
 PICTURE_RADIUS = 12.0  # px of a marker that is known by its picture, if there is room
 BESIDE = 5.0  # radii within which a spot that wasn't clicked is named
-BLURRED = 0.7  # radii by which a spot may be longer than its motion tells
 NEARBY = 8.0  # radii, besides its step, within which a marker is looked for by its picture
 MOST_STREAK = 1.3  # of a marker's step, with a shutter that is always open and a speed that changes
 LIKE = 0.5  # likeness of a spot, below which the marker is looked for by its picture
 GROWTH = 0.1  # of a change of a marker's area that is taken in, in each frame
 SHAPE_RATE = 0.03  # of a change of its shape, likewise
-SHARP = 0.25  # radii of a streak, up to which a marker is taken for sharp
 SOFT = 1.0  # px² by which blur spreads a spot
-SCALES = 1.0, 0.7, 1.4  # of the radius that is tried
-ROOMS = 1.5, 1.2, 2.7  # radii around a point, to each side, that its spot may fill
+ROOMS = 1.5, 2.7  # radii around a point, to each side, that its spot may fill
 LEAST_SOLIDITY = 0.9  # of a marker's spot: less has a part of something else
 RING_SHARE, RING_UNEVEN, LEAST_RING = 0.15, 0.15, 0.6  # of a radius beside the point, of the variance, and solidity
-SOLIDER = 0.08  # by which the solidity of a spot in any color must be the better one
 SOLID_AGAIN, MOST_CHANGE = 0.85, 1.4  # solidity and change of the area of a spot that is picked again
 BESIDE_AGAIN = 0.4  # radii by which it may be beside the place
-LEAST_MANY = 8.0  # px radius from which a marker may have several colors
-ROUNDS = 2  # of learning colors and radius from a marker's own spot
+CLICK_ERROR = 3.0  # px that a picked point may be off
+ROUNDS = 2  # of measuring colors and radius anew
 
 
 class Looks:
@@ -65,26 +60,20 @@ class Looks:
                 is there has no detail.
         """
         check_points(image, points)
-        self.points, radii = points.copy(), own_radii(image, points)
-        own, glossy = _Own.none(points), np.zeros(len(points), dtype=bool)
-        for _ in range(ROUNDS):
-            own, glossy = _Own.none(self.points), np.zeros(len(points), dtype=bool)
-            measured: list[_Own] = []
-            for scale, many, room in product(SCALES, (False, True), ROOMS):
-                if scale != SCALES[0] and (own.solidity > LEAST_SOLIDITY).mean() > 0.5:
-                    break
-                finder = SpotFinder(image, self.points, scale * radii, np.full(len(points), many))
-                other = _own(finder, image, points, scale * radii, room)
-                measured.append(other)
-                better = other.solidity > own.solidity + SOLIDER
-                better |= (other.solidity > LEAST_SOLIDITY) & (own.solidity <= LEAST_SOLIDITY)
-                glossy, own = np.where(better, many, glossy), own.where(better, other)
-            touching, theirs = _touching(SpotFinder(image, self.points, radii, glossy), image, points)
+        self.points, edges = points.copy(), own_radii(image, points)
+        radii, own = edges, _Own.none(points)
+        for unsure in CLICK_ERROR, *(0.0,) * ROUNDS:
+            finder = SpotFinder(image, self.points, radii, unsure)
+            measured = [_own(finder, image, points, radii, room, unsure == 0) for room in ROOMS]
+            own = measured[0]
+            for other in measured[1:]:
+                own = own.where(other.solidity > np.maximum(own.solidity, LEAST_SOLIDITY), other)
+            touching, theirs = _touching(finder, image, points)
             self.plain = touching | (own.solidity > LEAST_SOLIDITY) & ~_contradicted(own, measured)
             own = own.where(touching, theirs)
             self.points = np.where(self.plain[:, None], own.centers, points)
-            radii[self.plain] = np.sqrt(own.areas[self.plain] / np.pi)
-        self._finder = SpotFinder(image, self.points, radii, glossy)
+            radii = np.where(self.plain, np.sqrt(own.areas / np.pi), edges)
+        self._finder = SpotFinder(image, self.points, radii)
         if not self.plain.all():
             _check_the_rest(image, self.points, radii, ~self.plain)
             radii[~self.plain] = np.median(radii[self.plain]) if self.plain.any() else PICTURE_RADIUS
@@ -107,15 +96,18 @@ class Looks:
         """Radius of each marker as it is now [px]. Shape (M,)."""
         return np.sqrt(self._areas / np.pi)
 
-    def find(self, image: Image, boxes: NDArray[np.int64], places: Array | None = None) -> Spots:
+    def find(
+        self, image: Image, boxes: NDArray[np.int64], ways: Array | float = 0.0, places: Array | None = None
+    ) -> Spots:
         """The spots of the markers' colors in or at their boxes.
 
         Args:
             image: RGB. Shape (H, W, 3).
             boxes: Left, top, right, bottom [px]. Shape (M, 4).
+            ways: How far each may move in a frame [px]. Shape (M,).
             places: Where the markers are expected, if those that touch are to be told apart by it [px]. Shape (M, 2).
         """
-        spots = self._finder.find(image, np.where(self.plain[:, None], boxes, 0))
+        spots = self._finder.find(image, np.where(self.plain[:, None], boxes, 0), MOST_STREAK * ways)
         if places is None:
             return spots
         _, apart = self._finder.apart(image, np.where(self.plain[:, None], places, np.nan))
@@ -153,25 +145,20 @@ class Looks:
         The marker has the spot's look from then on. None if there is no such spot.
         """
         radius = self.radii[marker : marker + 1]
-        for many in (False, True) if radius[0] >= LEAST_MANY else (False,):
-            finder = SpotFinder(image, place[None], radius, np.array([many]))
-            own = _own(finder, image, place[None], radius, ROOMS[0])
-            share, beside = float(own.areas[0] / self._areas[marker]), float(np.hypot(*(own.centers[0] - place)))
-            if own.solidity[0] < SOLID_AGAIN or not 1 / MOST_CHANGE < share < MOST_CHANGE:
-                continue
-            if beside < BESIDE_AGAIN * radius[0] + 0.5:
-                self._take_look(finder, own, marker, share, many)
-                return own.centers[0]
-        return None
-
-    def _take_look(self, finder: SpotFinder, own: _Own, marker: int, share: float, many: bool) -> None:
+        finder = SpotFinder(image, place[None], radius)
+        own = _own(finder, image, place[None], radius, ROOMS[0])
+        share, beside = float(own.areas[0] / self._areas[marker]), float(np.hypot(*(own.centers[0] - place)))
+        if own.solidity[0] < SOLID_AGAIN or not 1 / MOST_CHANGE < share < MOST_CHANGE:
+            return None
+        if beside > BESIDE_AGAIN * radius[0] + 0.5:
+            return None
         ours = self._finder
         if not self.plain[marker]:
-            self.plain[marker], ours.glossy[marker], ours.kinds[marker] = True, many, ours.kinds.max() + 1
-        if many == ours.glossy[marker]:
-            ours.markers[marker], ours.around[marker] = finder.markers[0], finder.around[0]
+            self.plain[marker], ours.kinds[marker] = True, ours.kinds.max() + 1
+        ours.coverage.take(marker, finder.coverage)
         self._areas[marker] *= 1 + GROWTH * (share - 1)
         self._moments[marker] += GROWTH * (own.moments[0] - self._moments[marker])
+        return own.centers[0]
 
     def added(self, spots: Spots, looks: Array, pictures: Spots) -> Spots:
         """The spots, and what markers' pictures look like where there is no spot that is like the marker (M, P)."""
@@ -180,7 +167,7 @@ class Looks:
         new = ~(near & (looks[of] > LIKE)).any(axis=1)
         return spots.and_(pictures.of(new))
 
-    def likeness(self, spots: Spots, last: Array, steps: Array, slack: Array) -> Array:
+    def likeness(self, spots: Spots, last: Array, steps: Array) -> Array:
         """How much each spot looks like each marker, from 0 to 1, and -1 where it is of another kind.
 
         Of a marker that is known by its picture now, a spot of its color that is little like it is none.
@@ -189,7 +176,6 @@ class Looks:
             spots: Spots of a picture.
             last: Where each marker was last [px]. Shape (M, 2).
             steps: How far it moved then in a frame [px]. Shape (M,).
-            slack: By how much its streak may be longer than it moves [px]. Shape (M,).
 
         Returns:
             Likeness. Shape (M, P).
@@ -199,10 +185,12 @@ class Looks:
             return np.empty((count, 0))
         sizes = np.abs(np.log2(np.maximum(spots.areas / self._areas[:, None], 1e-3)))
         moved = np.linalg.norm(spots.centers - last[:, None], axis=2)
-        explained = MOST_STREAK * np.maximum(moved, steps[:, None]) + slack[:, None]
+        explained = MOST_STREAK * np.maximum(moved, steps[:, None]) + self.radii[:, None]
         excess = streak_lengths(spots.moments - self._moments[:, None]) - explained
-        looks = np.clip(1.5 - 2 * sizes, 0.0, 1.0) * np.minimum(spots.fills, 1.0)
+        looks = np.clip(1.5 - sizes, 0.0, 1.0) * np.minimum(spots.fills, 1.0)
         looks *= np.exp(-np.maximum(excess, 0.0) / self.radii[:, None])
+        narrow = np.maximum(_across(spots.moments) / _across(self._moments)[:, None], 1e-3)
+        looks *= np.clip(1.5 + np.log2(np.minimum(narrow, 1.0)), 0.0, 1.0)  # motion doesn't make it narrower
         looks = np.where(spots.kinds < count, looks, np.maximum(2 * spots.fills - 1, 0.0))
         pictured = spots.kinds == count + np.arange(count)[:, None]
         colored = (spots.kinds == self._finder.kinds[:, None]) & ((looks > LIKE) | ~pictured.any(axis=1, keepdims=True))
@@ -257,6 +245,12 @@ def squares(places: Array, reaches: Array | float) -> NDArray[np.int64]:
     return np.concatenate([np.floor(places - reach), np.ceil(places + reach) + 1], axis=1).astype(np.int64)
 
 
+def _across(moments: Array) -> Array:
+    """The smaller principal variances. Shapes (N, 3), (N,)."""
+    xx, xy, yy = moments.T
+    return np.maximum((xx + yy) / 2 - np.hypot((xx - yy) / 2, xy), 0.05)
+
+
 @dataclass(frozen=True)
 class _Own:
     """The spots at the markers' points.
@@ -292,7 +286,7 @@ def _contradicted(own: _Own, measured: list[_Own]) -> Mask:
     return out
 
 
-def _own(finder: SpotFinder, image: Image, points: Array, radii: Array, room: float) -> _Own:
+def _own(finder: SpotFinder, image: Image, points: Array, radii: Array, room: float, settled: bool = True) -> _Own:
     """The spots at the points, as far as they lie within some radii of them."""
     spots = finder.find(image, squares(points, room * radii + 1.0), alone=True)
     if not len(spots):
@@ -304,8 +298,11 @@ def _own(finder: SpotFinder, image: Image, points: Array, radii: Array, room: fl
     xx, xy, yy = moments.T
     half, mean = np.hypot((xx - yy) / 2, xy), (xx + yy) / 2
     share = area / (np.pi * radii**2)
-    good = (away.min(axis=1) < CLICK_SHARE * radii + 1.0) & (share > OWN_AREAS[0]) & (share < OWN_AREAS[1])
+    good = (away.min(axis=1) < CLICK_SHARE * radii + 1.0) & (
+        (share > OWN_AREAS[0]) & (share < OWN_AREAS[1]) | (not settled)
+    )
     good &= mean + half < LONGEST**2 * np.maximum(mean - half, 0.05)
+    good &= finder.coverage.clear
     good &= np.bincount(own[good], minlength=len(spots))[own] <= 1
     spread = 4 * np.pi * (np.sqrt(np.maximum(mean**2 - half**2, 0)) - SOFT) / area
     solidity = 1 / np.maximum(spread, 1.0)
@@ -318,7 +315,7 @@ def _touching(finder: SpotFinder, image: Image, points: Array) -> tuple[Mask, _O
     """Which markers touch others (M,), and what is theirs of the common spot."""
     of, spots = finder.apart(image, points)
     beside = np.linalg.norm(spots.centers - points[of], axis=1)
-    good = beside < CLICK_SHARE * finder.radii[of] + 1.0
+    good = finder.coverage.clear[of] & (beside < CLICK_SHARE * finder.radii[of] + 1.0)
     of, spots = of[good], spots.of(good)
     theirs = _Own.none(points)
     theirs.centers[of], theirs.areas[of], theirs.moments[of] = spots.centers, spots.areas, spots.moments

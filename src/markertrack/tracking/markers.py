@@ -123,6 +123,8 @@ class MarkerTracker:
         flowed.aliased |= apart & ~flowed.followed
         flowed.followed = more | apart & flowed.followed
         positions[of[more]], confidence[of[more]] = places[more], sure[more]
+        if more.sum() > 1 and not believed.any():
+            self._bodies.carry(part, np.where(more[:, None], places, np.nan), time)
         if believed.all():
             del self._doubted[key]
 

@@ -1,0 +1,201 @@
+"""Which share of a pixel a marker covers: a cubic polynomial of its color.
+
+It is fitted by least squares to the marker's disc, to what surrounds it, and to mixtures of both as motion blurs them.
+So it is right for light and dark surroundings at once, for markers of several colors, and for mixed colors at an edge.
+"""
+
+from __future__ import annotations
+
+from copy import copy
+
+import numpy as np
+from numba import njit  # pyright: ignore[reportMissingTypeStubs]
+from numpy.typing import NDArray
+
+from markertrack.tracking.tracker import Array, Image, Mask
+
+SURROUNDINGS = 2.0  # radii around a marker that its color is told apart from
+LIGHT = ((np.arange(256) + 0.5) / 256) ** 2.2  # of the levels of a picture
+MIXTURES = 4  # shares of a blurred marker in what is around it
+EDGE, EDGE_WEIGHT = 1.5, 0.2  # px beside the edge of a disc, which isn't known that well, and what they count
+SAMPLES = 1000  # pixels that tell what a marker or its surroundings are like
+RIDGE = 1e-5  # of the squares of the terms, by which a fit is held
+RATE = 0.1  # of what is seen in a frame that is taken in
+NOISE = 0.1, 0.5  # least and largest of coverage
+DEVIATIONS = 2.5  # of coverage beside a marker that are noise
+TERMS = 20  # of a cubic polynomial of red, green and blue
+ON, OFF, DISC, CORE = slice(TERMS), slice(TERMS, 2 * TERMS), 2 * TERMS, 2 * TERMS + 1  # columns of `_moments`
+
+
+class Coverage:
+    """Coverage by each marker of what has a color: 1 of its own, 0 of what is around it.
+
+    Attributes:
+        weights: Of the terms of the polynomials, and the coverage that what is around easily has. Shape (M, 21).
+        clear: Whether each is rather told from what is around it than not. Shape (M,).
+    """
+
+    def __init__(self, image: Image, points: Array, radii: Array, unsure: float) -> None:
+        """Learns from a picture.
+
+        Args:
+            image: RGB. Shape (H, W, 3).
+            points: Centers of the markers [px]. Shape (M, 2).
+            radii: Their radii [px]. Shape (M,).
+            unsure: By how much both may be off [px].
+        """
+        count = len(points)
+        self._known = _moments(image, points, radii, np.arange(count), unsure)
+        self.weights, self.clear = np.empty((count, TERMS + 1)), np.empty(count, dtype=bool)
+        self._fit(np.arange(count))
+
+    def of(self, markers: NDArray[np.int64]) -> Coverage:
+        """That by some markers."""
+        some = copy(self)
+        for name in ("_known", "weights", "clear"):
+            setattr(some, name, getattr(self, name)[markers])
+        return some
+
+    def take(self, marker: int, other: Coverage) -> None:
+        """Takes another coverage, by one marker, for one of these."""
+        self._known[marker] = other._known[0]
+        self._fit(np.array([marker]))
+
+    def learn(self, image: Image, positions: Array, radii: Array, markers: NDArray[np.int64]) -> None:
+        """Takes in what some markers (K,) look like now, by positions (M, 2), NaN of lost ones, and radii (M,) [px]."""
+        now = _moments(image, positions, radii, markers, 0.0)
+        self._known[markers] += RATE * (now - self._known[markers])
+        self._fit(markers)
+
+    def alike(self) -> Mask:
+        """Which markers cover rather more than less of one another. Shape (M, M)."""
+        covers = self._known[:, :, CORE] @ self.weights[:, :TERMS].T
+        return np.minimum(covers, covers.T) > 0.5
+
+    def _fit(self, markers: NDArray[np.int64]) -> None:
+        known = self._known[markers]
+        matrix = known[:, :, ON] + known[:, :, OFF]
+        held = RIDGE * (np.einsum("mii->mi", matrix) + 1e-9)
+        weights = np.linalg.solve(matrix + held[:, :, None] * np.eye(TERMS), known[:, :, DISC, None])[..., 0]
+        own = (weights * known[:, :, CORE]).sum(axis=1)  # less than 1 where other things have its colors
+        weights /= np.maximum(own, 1e-3)[:, None]
+        squares = np.einsum("mi,mij,mj->m", weights, known[:, :, OFF], weights)
+        noise = np.clip(DEVIATIONS * np.sqrt(squares), *NOISE)
+        self.weights[markers], self.clear[markers] = np.column_stack([weights, noise]), own > 0.5
+
+
+@njit(cache=True, nogil=True)
+def _terms(red: float, green: float, blue: float, out: Array) -> None:
+    """Fills in the terms of a color from 0 to 1. Shape (20,)."""
+    n, r = 0, 1.0
+    for i in range(4):
+        g = r
+        for j in range(4 - i):
+            b = g
+            for _ in range(4 - i - j):
+                out[n] = b
+                n += 1
+                b *= blue
+            g *= green
+        r *= red
+
+
+@njit(cache=True, nogil=True)
+def covered(image: Image, i: int, j: int, weights: Array) -> float:
+    """Coverage of a pixel, from 0 to 1."""
+    red, green, blue = (image[i, j, 0] + 0.5) / 256, (image[i, j, 1] + 0.5) / 256, (image[i, j, 2] + 0.5) / 256
+    n, total, r = 0, 0.0, 1.0  # without an array of the terms, which takes longer than all the rest
+    for p in range(4):
+        g = r
+        for q in range(4 - p):
+            b = g
+            for _ in range(4 - p - q):
+                total += weights[n] * b
+                n += 1
+                b *= blue
+            g *= green
+        r *= red
+    return min(max(total, 0.0), 1.0)
+
+
+@njit(cache=True, nogil=True)
+def _pixel(image: Image, i: int, j: int, weight: float, terms: Array, sums: Array) -> None:
+    """Adds a pixel's products of the terms."""
+    _terms((image[i, j, 0] + 0.5) / 256, (image[i, j, 1] + 0.5) / 256, (image[i, j, 2] + 0.5) / 256, terms)
+    _product(terms, weight, sums)
+
+
+@njit(cache=True, nogil=True)
+def _product(terms: Array, weight: float, sums: Array) -> None:
+    for p in range(TERMS):
+        for q in range(TERMS):
+            sums[p, q] += weight * terms[p] * terms[q]
+
+
+@njit(cache=True, nogil=True)
+def _moments(image: Image, points: Array, radii: Array, markers: NDArray[np.int64], unsure: float) -> Array:
+    """What a fit needs: mean products of the terms on and off some markers, and with a disc; mean terms on them.
+
+    Where points may be off, only pixels count that are on or off a marker all the same.
+
+    Args:
+        image: RGB. Shape (H, W, 3).
+        points: Centers of all markers, NaN for those that aren't seen [px]. Shape (M, 2).
+        radii: Their radii [px]. Shape (M,).
+        markers: Indices of those that are looked at. Shape (K,).
+        unsure: By how much points and radii may be off [px].
+
+    Returns:
+        Columns `ON`, `OFF`, `DISC`, `CORE`. Shape (K, 20, 42).
+    """
+    out, terms = np.zeros((len(markers), TERMS, 2 * TERMS + 2)), np.empty(TERMS)
+    sums, discs, totals = np.empty((3, TERMS, TERMS)), np.empty((3, TERMS)), np.empty(3)
+    own, mixed = np.empty(3), np.empty(3)
+    for k in range(len(markers)):
+        m = markers[k]
+        x, y = points[m]
+        radius = radii[m]
+        inner, outer = max(radius - unsure, 0.4 * radius), radius + unsure
+        sums[:], discs[:], totals[:], own[:] = 0.0, 0.0, 0.0, 0.0
+        for part in range(2):  # on it and beside it
+            far = radius + 0.5 if part == 0 else SURROUNDINGS * radius + 2 * unsure + 1
+            step = max(1, int(np.sqrt(np.pi * far * far / SAMPLES)))
+            for i in range(max(int(y - far), 0), min(int(y + far) + 2, image.shape[0]), step):
+                for j in range(max(int(x - far), 0), min(int(x + far) + 2, image.shape[1]), step):
+                    away = np.sqrt((j - x) ** 2 + (i - y) ** 2)
+                    share = min(max(radius - away + 0.5, 0.0), 1.0)
+                    if away > far or (share > 0.5) != (part == 0) or (unsure > 0 and inner < away < outer):
+                        continue
+                    mine = True
+                    for n in range(len(points)):
+                        other = np.sqrt((j - points[n, 0]) ** 2 + (i - points[n, 1]) ** 2)
+                        if n != m and (other < away or other < radii[n] + unsure + 1):
+                            mine = False
+                    if not mine:
+                        continue
+                    weight = EDGE_WEIGHT if abs(away - radius) < EDGE else 1.0
+                    _pixel(image, i, j, weight, terms, sums[part])
+                    for n in range(TERMS):
+                        discs[part, n] += weight * share * terms[n]
+                        out[k, n, CORE] += share * share * terms[n] if part == 0 else 0.0
+                    totals[part] += weight
+                    if part == 0:
+                        for c in range(3):
+                            own[c] += weight * LIGHT[image[i, j, c]]
+                    elif weight == 1.0 and totals[0] > 0:  # as it would be where the marker is blurred
+                        share = (1 + int(totals[2]) % MIXTURES) / (MIXTURES + 1)
+                        for c in range(3):
+                            light = share * own[c] / totals[0] + (1 - share) * LIGHT[image[i, j, c]]
+                            mixed[c] = light ** (1 / 2.2)
+                        _terms(mixed[0], mixed[1], mixed[2], terms)
+                        _product(terms, 1.0, sums[2])
+                        for n in range(TERMS):
+                            discs[2, n] += share * terms[n]
+                        totals[2] += 1.0
+        for part in range(2):
+            out[k, :, part * TERMS : (part + 1) * TERMS] = sums[part] / max(totals[part], 1e-9)
+            out[k, :, DISC] += discs[part] / max(totals[part], 1e-9)
+        out[k, :, ON] += sums[2] / max(totals[2], 1.0)
+        out[k, :, DISC] += discs[2] / max(totals[2], 1.0)
+        out[k, :, CORE] /= max(out[k, 0, CORE], 1e-9)  # the first term is 1
+    return out
