@@ -111,12 +111,12 @@ class BodyTracker:
 
     def known(self, markers: NDArray[np.int64]) -> tuple[Looks, Array]:
         """What the markers of a body look like and where it was last [px]."""
-        body = next(body for body in self._bodies if body.markers[0] == markers[0])
+        body = self._of(markers)
         return self._looks.of(markers), body.history[-1][1]
 
     def carry(self, markers: NDArray[np.int64], places: Array, time: float) -> None:
         """Takes in where flow brought a body that wasn't found, NaN where it doesn't know [px]. Shape (M, 2)."""
-        body = next(body for body in self._bodies if body.markers[0] == markers[0])
+        body = self._of(markers)
         body.carry(places, time, self._radius(body))
 
     def leave(self, markers: NDArray[np.int64]) -> tuple[Looks, Array]:
@@ -124,6 +124,9 @@ class BodyTracker:
         known = self.known(markers)
         self._bodies = [body for body in self._bodies if body.markers[0] != markers[0]]
         return known
+
+    def _of(self, markers: NDArray[np.int64]) -> Body:
+        return next(body for body in self._bodies if body.markers[0] == markers[0])
 
     @property
     def radii(self) -> Array:

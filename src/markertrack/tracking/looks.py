@@ -148,9 +148,8 @@ class Looks:
         finder = SpotFinder(image, place[None], radius)
         own = _own(finder, image, place[None], radius, ROOMS[0])
         share, beside = float(own.areas[0] / self._areas[marker]), float(np.hypot(*(own.centers[0] - place)))
-        if own.solidity[0] < SOLID_AGAIN or not 1 / MOST_CHANGE < share < MOST_CHANGE:
-            return None
-        if beside > BESIDE_AGAIN * radius[0] + 0.5:
+        same = 1 / MOST_CHANGE < share < MOST_CHANGE and beside <= BESIDE_AGAIN * radius[0] + 0.5
+        if own.solidity[0] < SOLID_AGAIN or not same:
             return None
         ours = self._finder
         if not self.plain[marker]:
@@ -298,11 +297,10 @@ def _own(finder: SpotFinder, image: Image, points: Array, radii: Array, room: fl
     xx, xy, yy = moments.T
     half, mean = np.hypot((xx - yy) / 2, xy), (xx + yy) / 2
     share = area / (np.pi * radii**2)
-    good = (away.min(axis=1) < CLICK_SHARE * radii + 1.0) & (
-        (share > OWN_AREAS[0]) & (share < OWN_AREAS[1]) | (not settled)
-    )
-    good &= mean + half < LONGEST**2 * np.maximum(mean - half, 0.05)
-    good &= finder.coverage.clear
+    good = finder.coverage.clear & (away.min(axis=1) < CLICK_SHARE * radii + 1.0)
+    if settled:
+        good &= (share > OWN_AREAS[0]) & (share < OWN_AREAS[1])
+    good &= mean + half < LONGEST**2 * _across(moments)
     good &= np.bincount(own[good], minlength=len(spots))[own] <= 1
     spread = 4 * np.pi * (np.sqrt(np.maximum(mean**2 - half**2, 0)) - SOFT) / area
     solidity = 1 / np.maximum(spread, 1.0)
