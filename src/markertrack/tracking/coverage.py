@@ -101,21 +101,14 @@ def _terms(red: float, green: float, blue: float, out: Array) -> None:
 
 
 @njit(cache=True, nogil=True)
-def covered(image: Image, i: int, j: int, weights: Array) -> float:
-    """Coverage of a pixel, from 0 to 1."""
-    red, green, blue = (image[i, j, 0] + 0.5) / 256, (image[i, j, 1] + 0.5) / 256, (image[i, j, 2] + 0.5) / 256
-    n, total, r = 0, 0.0, 1.0  # without an array of the terms, which takes longer than all the rest
-    for p in range(4):
-        g = r
-        for q in range(4 - p):
-            b = g
-            for _ in range(4 - p - q):
-                total += weights[n] * b
-                n += 1
-                b *= blue
-            g *= green
-        r *= red
-    return min(max(total, 0.0), 1.0)
+def covered(image: Image, i: int, j: int, w: Array) -> float:
+    """Coverage of a pixel, from 0 to 1, by weights (21,)."""
+    r, g, b = (image[i, j, 0] + 0.5) / 256, (image[i, j, 1] + 0.5) / 256, (image[i, j, 2] + 0.5) / 256
+    none = w[0] + b * (w[1] + b * (w[2] + b * w[3])) + g * (w[4] + b * (w[5] + b * w[6]))
+    none += g * g * (w[7] + b * w[8] + g * w[9])
+    one = w[10] + b * (w[11] + b * w[12]) + g * (w[13] + b * w[14] + g * w[15])
+    two = w[16] + b * w[17] + g * w[18]
+    return min(max(none + r * (one + r * (two + r * w[19])), 0.0), 1.0)
 
 
 @njit(cache=True, nogil=True)

@@ -9,12 +9,15 @@ from __future__ import annotations
 from copy import copy
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from numba import njit  # pyright: ignore[reportMissingTypeStubs]
 from numpy.typing import NDArray
 
 from markertrack.tracking.coverage import NOISE, TERMS, Coverage, covered
 from markertrack.tracking.tracker import Array, Image, Mask
+
+Shares = NDArray[np.float32]
 
 LEAST_AREA, MOST_AREA = 0.5, 1.6  # of the smallest marker's of a kind, and of the largest
 LEAST_FILL = 0.45  # of the coverage that a streak of this length should have
@@ -83,16 +86,11 @@ class SpotFinder:
         self.radii, self.coverage = radii.copy(), Coverage(image, points, radii, unsure)
         self.kinds = _kinds(self.coverage, radii)
         self._block = max(1, int(radii.min() / DETAIL))
-        height, width = image.shape[0] // self._block, image.shape[1] // self._block
-        self._marks = np.zeros((height, width), dtype=np.int32)
-        self._searches = 0
 
     def of(self, markers: NDArray[np.int64]) -> SpotFinder:
         """One for some of the markers."""
         some = copy(self)
         some.radii, some.coverage, some.kinds = self.radii[markers], self.coverage.of(markers), self.kinds[markers]
-        some._marks = np.zeros_like(self._marks)
-        some._searches = 0
         return some
 
     def find(self, image: Image, boxes: NDArray[np.int64], ways: Array | float = 0.0, alone: bool = False) -> Spots:
@@ -124,14 +122,27 @@ class SpotFinder:
         self, image: Image, of: NDArray[np.int64], boxes: NDArray[np.int64], noises: Array, alone: bool
     ) -> Array:
         """Center, area, moments and fill of each spot of some markers (K,) that is above noise. Shape (P, 7)."""
-        block = self._block
-        self._searches += 1
         weights = self.coverage.weights[of]
         weights[:, TERMS] = noises[of]
-        found = _spots(
-            image, weights, boxes[of] // block, block, self.radii[of] / block, alone, self._marks, 3 * self._searches
-        )
+        boxes, block = boxes[of] // self._block, self._block
+        corner, part = self._part(image, boxes[(boxes[:, :2] < boxes[:, 2:]).all(axis=1)])
+        found = _spots(part, weights, boxes - np.tile(corner, 2), self.radii[of] / block, alone)
+        found[:, :2] += corner
         return found * [block, block, *4 * (block**2,), 1] + [*2 * ((block - 1) / 2,), 0, 0, 0, 0, 0]
+
+    def _part(self, image: Image, boxes: NDArray[np.int64]) -> tuple[NDArray[np.int64], Image]:
+        """The part of a picture with boxes (K, 4), and what is next to them, and where its corner is, in blocks."""
+        if not len(boxes):
+            return np.zeros(2, dtype=np.int64), image[:0]
+        size, block = np.array(image.shape[1::-1]) // self._block, self._block
+        (left, top), (right, bottom) = (
+            (boxes[:, :2].min(axis=0) - 1).clip(0, size),
+            (boxes[:, 2:].max(axis=0) + 1).clip(0, size),
+        )
+        part = image[top * block : bottom * block, left * block : right * block]
+        if block > 1 and part.size:
+            part = np.asarray(cv2.resize(part, (right - left, bottom - top), interpolation=cv2.INTER_AREA))
+        return np.array([left, top]), part
 
     def _whole(self, found: Array, faint: Array, of: NDArray[np.int64]) -> Array:
         """Spots of one kind, without what is faint or with it: as they are more like a whole marker. Shape (P, 7)."""
@@ -156,11 +167,15 @@ class SpotFinder:
         away = np.linalg.norm(places[:, None] - places, axis=2)
         touching = away < TOUCHING * (self.radii[:, None] + self.radii)
         of = np.flatnonzero(touching.sum(axis=1) > 1)
-        block = self._block
+        block, radii = self._block, self.radii[of] / self._block
         at = (places[of] - (block - 1) / 2) / block
-        found = _together(image, self.coverage.weights[of], at, block, self.radii[of] / block)
+        corner, part = self._part(
+            image, np.hstack([at - 2 * radii[:, None] - 2, at + 2 * radii[:, None] + 2]).astype(np.int64)
+        )
+        found = _together(part, self.coverage.weights[of], at - corner, radii)
+        found[:, :2] += corner
         whole = (np.abs(np.log2(found[:, 2])) < np.log2(MOST_AREA)) & (found[:, 6] >= LEAST_FILL)
-        whole &= np.linalg.norm(found[:, :2] - at, axis=1) < self.radii[of] / block
+        whole &= np.linalg.norm(found[:, :2] - at, axis=1) < radii
         found, of = found[whole], of[whole]
         square = (self.radii[of] ** 2)[:, None]
         centers = found[:, :2] * block + (block - 1) / 2
@@ -191,38 +206,18 @@ def _kinds(coverage: Coverage, radii: Array) -> NDArray[np.int64]:
 
 
 @njit(cache=True, nogil=True)
-def _coverage(image: Image, row: int, column: int, block: int, own: Array) -> float:
-    """Coverage of a block of pixels, if it is more than noise."""
-    total = _mean(image, row, column, block, own)
-    return total if total >= own[TERMS] else 0.0
-
-
-@njit(cache=True, nogil=True)
-def _mean(image: Image, row: int, column: int, block: int, own: Array) -> float:
-    """Coverage of a block of pixels."""
-    total = 0.0
-    for i in range(row * block, (row + 1) * block):
-        for j in range(column * block, (column + 1) * block):
-            total += covered(image, i, j, own)
-    return total / (block * block)
-
-
-@njit(cache=True, nogil=True)
-def _spots(
-    image: Image, weights: Array, boxes: NDArray[np.int64], block: int, radii: Array, alone: bool,
-    marks: NDArray[np.int32], todo: int,
-) -> Array:  # fmt: skip
-    """Center, area, moments and fill of every spot of one kind, in blocks. Shape (P, 7).
-
-    What lies in a box is marked as to do; a pixel that was looked at with the next number if it is in a spot, else with
-    the one after that.
-    """
-    height, width = marks.shape
+def _spots(image: Image, weights: Array, boxes: NDArray[np.int64], radii: Array, alone: bool) -> Array:
+    """Center, area, moments and fill of every spot of one kind. Shape (P, 7)."""
+    height, width = image.shape[0], image.shape[1]
+    shares = np.full((height, width), -1.0, dtype=np.float32)  # in no box: -1
+    marks = np.zeros((height, width), dtype=np.int8)
     for box in range(len(boxes)):
         left, top, right, bottom = boxes[box]
+        own = weights[box]
         for i in range(max(top, 0), min(bottom, height)):
             for j in range(max(left, 0), min(right, width)):
-                marks[i, j] = todo
+                if shares[i, j] < 0.0:
+                    shares[i, j] = covered(image, i, j, own)
     least, most = np.pi * radii.min() ** 2, np.pi * radii.max() ** 2
     disc = np.pi * (radii * radii).mean()
     radius = np.sqrt(disc / np.pi)
@@ -230,21 +225,19 @@ def _spots(
     out = np.empty((64, 7))
     count = 0
     pixels = np.empty((int(MOST_MARKERS * (most + 2 * radii.max() * MOST_STREAK * radii.max())), 2), dtype=np.int32)
-    shares, lowest = np.empty(len(pixels)), np.empty(len(pixels))
+    inside, lowest = np.empty(len(pixels)), np.empty(len(pixels))
     for box in range(len(boxes)):
         left, top, right, bottom = boxes[box]
-        own = weights[box]
+        noise = weights[box, TERMS]
         for i in range(max(top, 0), min(bottom, height), step):
             for j in range(max(left, 0), min(right, width), step):
-                if marks[i, j] != todo or _coverage(image, i, j, block, own) == 0.0:
+                if marks[i, j] or shares[i, j] < noise:
                     continue
-                row, column = _summit(image, block, own, i, j, radius, marks, todo)
-                if marks[row, column] != todo:
-                    continue
-                size, rim = _flooded(image, block, own, row, column, marks, todo, pixels, shares, lowest)
+                row, column = _summit(shares, marks, i, j, radius)
+                size, rim = _flooded(shares, marks, noise, row, column, pixels, inside, lowest)
                 if size == len(pixels) or rim > MOST_RIM:  # more than markers: glare, a wall, its texture
                     continue
-                total = shares[:size].sum()
+                total = inside[:size].sum()
                 if total < LEAST_AREA * least:
                     continue
                 number = max(1, int(total / disc + 0.5)) if total > MOST_AREA * most and not alone else 1
@@ -252,7 +245,7 @@ def _spots(
                     continue
                 while count + number > len(out):
                     out = np.concatenate((out, np.empty_like(out)))
-                _measured(pixels[:size], shares[:size], number, radius, out[count : count + number])
+                _measured(pixels[:size], inside[:size], number, radius, out[count : count + number])
                 for n in range(count, count + number):
                     if out[n, 6] >= LEAST_FILL and out[n, 2] >= LEAST_AREA * least:
                         out[count] = out[n]
@@ -261,21 +254,17 @@ def _spots(
 
 
 @njit(cache=True, nogil=True)
-def _summit(
-    image: Image, block: int, own: Array, row: int, column: int, radius: float, marks: NDArray[np.int32], todo: int
-) -> tuple[int, int]:
+def _summit(shares: Shares, marks: NDArray[np.int8], row: int, column: int, radius: float) -> tuple[int, int]:
     """Where coverage is largest, uphill of a pixel."""
     height, width = marks.shape
     reach = max(1, int(0.5 * radius))
-    best = _coverage(image, row, column, block, own)
+    best = shares[row, column]
     for _ in range(MOST_CLIMB):
         at_row, at_column = row, column
         for i in range(max(at_row - reach, 0), min(at_row + reach + 1, height)):
             for j in range(max(at_column - reach, 0), min(at_column + reach + 1, width)):
-                if marks[i, j] == todo:
-                    weight = _coverage(image, i, j, block, own)
-                    if weight > best:
-                        best, row, column = weight, i, j
+                if not marks[i, j] and shares[i, j] > best:
+                    best, row, column = shares[i, j], i, j
         if (row, column) == (at_row, at_column):
             break
     return row, column
@@ -283,46 +272,47 @@ def _summit(
 
 @njit(cache=True, nogil=True)
 def _flooded(
-    image: Image, block: int, own: Array, row: int, column: int, marks: NDArray[np.int32], todo: int,
-    pixels: NDArray[np.int32], weights: Array, lowest: Array,
+    shares: Shares, marks: NDArray[np.int8], noise: float, row: int, column: int, pixels: NDArray[np.int32],
+    inside: Array, lowest: Array,
 ) -> tuple[int, float]:  # fmt: skip
     """Number of the covered pixels that are downhill of a summit, or as many as there is room for.
 
     Where coverage rises again another marker begins, or what is beyond the edge of a body. The share of the rim where
-    it does, or isn't down to half of the summit's, or where nobody looked, is given as well.
+    it does, or isn't down to half of the summit's, or where no box is, is given as well. What is in a spot is marked
+    with 1, what was looked at else with 2.
     """
     height, width = marks.shape
-    marks[row, column] = todo + 1
+    marks[row, column] = 1
     pixels[0, 0], pixels[0, 1] = column, row
-    weights[0] = lowest[0] = _coverage(image, row, column, block, own)
+    inside[0] = lowest[0] = shares[row, column]
     size, done = 1, 0
     while done < size:
         x, y = pixels[done]
         done += 1
         for k in range(4):
             j, i = x + (k == 0) - (k == 1), y + (k == 2) - (k == 3)
-            if not (0 <= i < height and 0 <= j < width) or marks[i, j] != todo:
+            if not (0 <= i < height and 0 <= j < width) or marks[i, j] or shares[i, j] < 0.0:
                 continue
-            weight = _coverage(image, i, j, block, own)
-            if weight > lowest[done - 1] + NOISE[0]:
+            share = shares[i, j] if shares[i, j] >= noise else 0.0
+            if share > lowest[done - 1] + NOISE[0]:
                 continue
-            marks[i, j] = todo + (1 if weight > 0.0 else 2)
-            if weight == 0.0:
+            marks[i, j] = 1 if share > 0.0 else 2
+            if share == 0.0:
                 continue
             if size == len(pixels):
                 return size, 0.0
             pixels[size, 0], pixels[size, 1] = j, i
-            weights[size] = weight
-            lowest[size] = min(weight, lowest[done - 1])
+            inside[size] = share
+            lowest[size] = min(share, lowest[done - 1])
             size += 1
     higher = free = 0
     for n in range(size):
         x, y = pixels[n]
         for k in range(4):
             j, i = x + (k == 0) - (k == 1), y + (k == 2) - (k == 3)
-            if not (0 <= i < height and 0 <= j < width) or marks[i, j] == todo + 1:
+            if not (0 <= i < height and 0 <= j < width) or marks[i, j] == 1:
                 continue
-            if marks[i, j] == todo + 2 and _mean(image, i, j, block, own) < PEAK * weights[0]:
+            if marks[i, j] == 2 and shares[i, j] < PEAK * inside[0]:
                 free += 1
             else:
                 higher += 1
@@ -365,13 +355,13 @@ def _measured(pixels: NDArray[np.int32], weights: Array, number: int, radius: fl
 
 
 @njit(cache=True, nogil=True)
-def _together(image: Image, weights: Array, places: Array, block: int, radii: Array) -> Array:
+def _together(image: Image, weights: Array, places: Array, radii: Array) -> Array:
     """Centers of discs that touch, the share of each that is covered, its moments in squared radii, and fill. (K, 7).
 
     A pixel counts for the disc that it is nearest to. Each disc moves by how far what is covered of its pixels lies
     from what it would cover of them.
     """
-    height, width = image.shape[0] // block, image.shape[1] // block
+    height, width = image.shape[0], image.shape[1]
     out, at = np.zeros((len(places), 7)), places.copy()
     seen, ideal = np.zeros((2, len(places), 7))
     for _ in range(_LLOYD_ROUNDS):
@@ -388,7 +378,8 @@ def _together(image: Image, weights: Array, places: Array, block: int, radii: Ar
                             mine = False
                     if not mine:
                         continue
-                    share = _coverage(image, i, j, block, weights[k])
+                    share = covered(image, i, j, weights[k])
+                    share = share if share >= weights[k, TERMS] else 0.0
                     for sums, weight in ((seen, share), (ideal, min(max(0.5 - beyond, 0.0), 1.0))):
                         sums[k, 0] += weight * dx
                         sums[k, 1] += weight * dy
