@@ -47,8 +47,9 @@ class Body:
 
     @property
     def changed(self) -> float:
-        """By how much its shape differs from that in the first frame, for a quarter of its markers [px]."""
-        return float(np.quantile(np.linalg.norm(self.shape - self._first_shape, axis=1), GIVING))
+        """By how much its shape differs from any that tilting gives the first one, for a quarter of its markers [px]."""
+        tilted = affine_fit(self._first_shape, self.shape, 0.0)
+        return float(np.quantile(np.linalg.norm(self.shape - tilted, axis=1), GIVING))
 
     @property
     def bend(self) -> float:
@@ -134,7 +135,7 @@ class Body:
             self.swing += STIFF + self.turn
 
     def adapt(self, places: Array, rate: float, firm: float) -> None:
-        """Lets the shape follow what is seen: slowly, as perspective may change it, or at once if it is soft.
+        """Lets the shape follow what is seen: all of it as it tilts, and each marker slowly, or at once if it is soft.
 
         Args:
             places: Where its markers are seen without a doubt, NaN where they aren't [px]. Shape (M, 2).
@@ -144,11 +145,24 @@ class Body:
         known = np.isfinite(places[:, 0])
         if known.sum() < 3:
             return
-        back = rigid_fit(places[known], self.shape[known])
-        beside = np.linalg.norm(back - self.shape[known], axis=1)
-        shape = self.shape.copy()
-        shape[known] += max(rate, min(float(np.median(beside)) / firm, 1.0)) * (back - shape[known])
-        self.shape = shape
+        back = np.full_like(self.shape, np.nan)
+        back[known] = rigid_fit(places[known], self.shape[known])
+        self.shape = affine_fit(self.shape, back, (firm / STIFF) ** 2)
+        beside = (back - self.shape)[known]
+        rate = max(rate, min(float(np.median(np.linalg.norm(beside, axis=1))) / firm, 1.0))
+        self.shape[known] += rate * beside
+
+
+def affine_fit(shape: Array, places: Array, ridge: float) -> Array:
+    """The shape where an affine map, as a plane that tilts makes it, comes closest to places: see `rigid_fit`.
+
+    The ridge [px²] holds its distances.
+    """
+    known = np.isfinite(places[:, 0])
+    middle = shape[known].mean(axis=0)
+    arms, ways = shape[known] - middle, (places - shape)[known]
+    strain = np.linalg.solve(arms.T @ arms + (ridge + 1e-9) * np.eye(2), arms.T @ ways)
+    return shape + ways.mean(axis=0) + (shape - middle) @ strain
 
 
 @njit(cache=True, nogil=True)

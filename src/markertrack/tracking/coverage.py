@@ -2,6 +2,7 @@
 
 It is fitted by least squares to the marker's disc, to what surrounds it, and to mixtures of both as motion blurs them.
 So it is right for light and dark surroundings at once, for markers of several colors, and for mixed colors at an edge.
+What it is a polynomial of is learned slowly, and at once how much the surroundings have of it: light changes both.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ RIDGE = 1e-5  # of the squares of the terms, by which a fit is held
 RATE = 0.1  # of what is seen in a frame that is taken in
 NOISE = 0.1, 0.5  # least and largest of coverage
 DEVIATIONS = 2.5  # of coverage beside a marker that are noise
+LEAST = 0.2  # coverage of a marker above that of what is around it, by which it is scaled
 TERMS = 20  # of a cubic polynomial of red, green and blue
 ON, OFF, DISC, CORE = slice(TERMS), slice(TERMS, 2 * TERMS), 2 * TERMS, 2 * TERMS + 1  # columns of `_moments`
 
@@ -46,25 +48,27 @@ class Coverage:
         """
         count = len(points)
         self._known = _moments(image, points, radii, np.arange(count), unsure)
+        self._around = self._known[:, :, OFF.start].copy()  # mean terms of what is around each now
         self.weights, self.clear = np.empty((count, TERMS + 1)), np.empty(count, dtype=bool)
         self._fit(np.arange(count))
 
     def of(self, markers: NDArray[np.int64]) -> Coverage:
         """That by some markers."""
         some = copy(self)
-        for name in ("_known", "weights", "clear"):
+        for name in ("_known", "_around", "weights", "clear"):
             setattr(some, name, getattr(self, name)[markers])
         return some
 
     def take(self, marker: int, other: Coverage) -> None:
         """Takes another coverage, by one marker, for one of these."""
-        self._known[marker] = other._known[0]
+        self._known[marker], self._around[marker] = other._known[0], other._around[0]
         self._fit(np.array([marker]))
 
     def learn(self, image: Image, positions: Array, radii: Array, markers: NDArray[np.int64]) -> None:
         """Takes in what some markers (K,) look like now, by positions (M, 2), NaN of lost ones, and radii (M,) [px]."""
         now = _moments(image, positions, radii, markers, 0.0)
         self._known[markers] += RATE * (now - self._known[markers])
+        self._around[markers] = now[:, :, OFF.start]
         self._fit(markers)
 
     def alike(self) -> Mask:
@@ -77,8 +81,9 @@ class Coverage:
         matrix = known[:, :, ON] + known[:, :, OFF]
         held = RIDGE * (np.einsum("mii->mi", matrix) + 1e-9)
         weights = np.linalg.solve(matrix + held[:, :, None] * np.eye(TERMS), known[:, :, DISC, None])[..., 0]
+        weights[:, 0] -= (weights * self._around[markers]).sum(axis=1)  # the first term is 1
         own = (weights * known[:, :, CORE]).sum(axis=1)  # less than 1 where other things have its colors
-        weights /= np.maximum(own, 1e-3)[:, None]
+        weights /= np.maximum(own, LEAST)[:, None]
         squares = np.einsum("mi,mij,mj->m", weights, known[:, :, OFF], weights)
         noise = np.clip(DEVIATIONS * np.sqrt(squares), *NOISE)
         self.weights[markers], self.clear[markers] = np.column_stack([weights, noise]), own > 0.5

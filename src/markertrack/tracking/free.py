@@ -132,7 +132,8 @@ class FreeTracker:
         if not aside.any():
             return aside
         ways = np.hypot(*self._steps.T)
-        spots = self._looks.find(image, np.where(aside[:, None], squares(expected, self.radii), 0), ways)
+        boxes = np.where(aside[:, None], squares(expected, 1.5 * self.radii + 1.0), 0)
+        spots = self._looks.find(image, boxes, ways)
         like = self._looks.likeness(spots, self._places, ways) > CLEAR
         near = ~contradict(spots.centers, expected[:, None], self.radii[:, None])
         return aside & (like & near).any(axis=1)

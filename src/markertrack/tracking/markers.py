@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from markertrack.tracking.bodies import BodyTracker
 from markertrack.tracking.free import CERTAIN, RATIO, FreeTracker
 from markertrack.tracking.looks import NEARBY, Looks
-from markertrack.tracking.tracker import DOUBT, REASONS, Array, Image, Mask
+from markertrack.tracking.tracker import DOUBT, REASONS, Array, Image, Mask, contradict
 
 FOUND = 0.7  # of the markers of a soft body, up to which it is left
 STREAK = 2.0  # radii that a marker moves in a frame, from which on it may be a streak
@@ -114,7 +114,10 @@ class MarkerTracker:
             self._doubted[key] = _Flowed(self._last, looks, places, known, self._last.steps[of])
         flowed = self._doubted[key]
         places, sure = flowed.follow(image, time)
-        certain = sure >= CERTAIN if believed.any() else sure > DOUBT  # against a body flow is too little
+        _, laid = self._bodies.known(part)
+        certain = sure > DOUBT
+        if believed.any():  # against a body flow is too little
+            certain &= (sure >= CERTAIN) | ~contradict(places, laid, flowed.radii)
         certain &= np.linalg.norm(places - self._last.positions[of], axis=1) < STREAK * flowed.radii
         doubled = self._doubled(places, flowed.radii, positions, np.where(confidence > DOUBT, self.radii, np.nan))
         both, more = certain & believed, certain & ~believed & ~doubled
