@@ -119,6 +119,10 @@ class BodyTracker:
         body = self._of(markers)
         body.carry(places, time, self._radius(body))
 
+    def learn(self, markers: NDArray[np.int64], looks: Looks, which: NDArray[np.int64]) -> None:
+        """Takes in how markers (K,) look that aren't found by it, as flow knows them, where they are those (K,)."""
+        self._looks.take(markers, looks, which)
+
     def leave(self, markers: NDArray[np.int64]) -> tuple[Looks, Array]:
         """Doesn't follow a body any longer, which is that of these markers: what is `known` of it."""
         known = self.known(markers)

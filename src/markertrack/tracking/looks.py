@@ -91,6 +91,14 @@ class Looks:
         some._finder, some._patches = self._finder.of(markers), self._patches.of(markers)
         return some
 
+    def take(self, markers: NDArray[np.int64], others: Looks, which: NDArray[np.int64]) -> None:
+        """Takes in how some of the markers (K,) look now, as others know it, of which they are those (K,)."""
+        for marker, other in zip(markers.tolist(), which.tolist(), strict=True):
+            if self.plain[marker] and others.plain[other]:
+                self._areas[marker], self._moments[marker] = others._areas[other], others._moments[other]
+                self._finder.coverage.take(marker, others._finder.coverage.of(np.array([other])))
+        self._finder.radii = np.where(self.plain, self.radii, self._finder.radii)
+
     @property
     def radii(self) -> Array:
         """Radius of each marker as it is now [px]. Shape (M,)."""

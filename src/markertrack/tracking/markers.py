@@ -126,6 +126,7 @@ class MarkerTracker:
         flowed.aliased |= apart & ~flowed.followed
         flowed.followed = more | apart & flowed.followed
         positions[of[more]], confidence[of[more]] = places[more], sure[more]
+        self._bodies.learn(of[more], flowed.looks, np.flatnonzero(more))
         if more.sum() > 1 and not believed.any():
             self._bodies.carry(part, np.where(more[:, None], places, np.nan), time)
         if believed.all():
@@ -174,6 +175,7 @@ class _Flowed:
 
     def __init__(self, frame: _Frame, looks: Looks, places: Array, known: Mask, steps: Array) -> None:
         self._free, self._expected = FreeTracker(NEARBY), places + steps
+        self._looks = looks
         self._free.take_over(frame.image, looks, places, known, frame.time)
         self.aliased = np.zeros(len(places), dtype=bool)
         self.followed = np.zeros(len(places), dtype=bool)
@@ -181,6 +183,10 @@ class _Flowed:
     @property
     def radii(self) -> Array:
         return self._free.radii
+
+    @property
+    def looks(self) -> Looks:
+        return self._looks
 
     def turn(self) -> None:
         """Takes in that the film is played backward from here on."""
