@@ -14,8 +14,8 @@ SHEET = np.stack(np.meshgrid(90 + 70 * np.arange(4.0), 60 + 60 * np.arange(3.0))
 MIDDLE = np.array([WIDTH, HEIGHT]) / 2
 
 
-def drawn(places, shutter=0.5, seed=0, radius=lambda frame: RADIUS):
-    """Pictures of dark dots on white; `places` gives them at a time in frames. Shape (M, 2)."""
+def drawn(places, shutter=0.5, seed=0, radius=lambda frame: RADIUS, ground=lambda frame: 0.75):
+    """Pictures of dark dots on light ground; `places` gives them at a time in frames. Shape (M, 2)."""
     rng = np.random.default_rng(seed)
     rows, columns = np.mgrid[:HEIGHT, :WIDTH]
 
@@ -27,7 +27,7 @@ def drawn(places, shutter=0.5, seed=0, radius=lambda frame: RADIUS):
                 part = tuple(np.s_[max(int(v) - reach, 0) : max(int(v) + reach + 1, 0)] for v in (y, x))
                 disc = np.hypot(columns[part] - x, rows[part] - y)
                 coverage[part] += np.clip(size + 0.5 - disc, 0, 1) / MOMENTS
-        light = 0.75 * (1 - coverage) + 0.02 * coverage + rng.normal(0, 0.01, coverage.shape)
+        light = ground(frame) * (1 - coverage) + 0.02 * coverage + rng.normal(0, 0.01, coverage.shape)
         return np.repeat((255 * np.clip(light, 0, 1) ** (1 / 2.2)).astype(np.uint8)[..., None], 3, axis=2)
 
     return picture
@@ -147,6 +147,23 @@ def test_markers_of_a_card_that_tilts_are_followed_though_its_shape_does_not_fit
     off, confidence = errors(MarkerTracker([0] * count), tilted(count), 50)
     assert (confidence > 0.5).all()
     assert off.max() < 0.5
+
+
+def test_a_marker_that_was_hidden_while_its_card_tilted_is_found_where_the_tilt_brought_it():
+    places = tilted(4)
+    off, confidence = errors(MarkerTracker([0] * 4), places, 30, lambda k: places(k)[: 3 if 3.5 < k < 14.5 else 4])
+    assert (confidence[4:15, 3] < 0.5).all()
+    assert (confidence[19:] > 0.5).all()
+    assert off[confidence > 0.5].max() < 0.5
+
+
+def test_markers_are_followed_while_their_ground_turns_away_from_the_light():
+    def places(frame):
+        return tilted(4)(0) + np.array([2.0 * frame, 0.5 * frame])
+
+    off, confidence = errors(MarkerTracker([0] * 4), places, 26, ground=lambda frame: 0.75 * 0.9**frame)
+    assert (confidence > 0.5).mean() > 0.98
+    assert off.max() < 1.0
 
 
 @pytest.mark.parametrize("count", [1, 2])

@@ -45,3 +45,15 @@ def test_a_blurred_marker_covers_its_share(blur):
     coverage = learned(seen(DISC, BRIGHT, DARK))
     share = by_color(seen(blur * DISC, BRIGHT, DARK), coverage)
     assert share[AWAY < RADIUS - 1].mean() == pytest.approx(blur, abs=0.1)
+
+
+def test_what_is_around_a_marker_is_told_from_it_in_the_light_of_now():
+    """White ground turns gray in a picture; the marker stays black."""
+    coverage, later = learned(seen(DISC, BRIGHT, DARK)), seen(DISC, GRAY, DARK)
+    around = (AWAY > RADIUS + 1) & (AWAY < 2 * RADIUS)
+    before = by_color(later, coverage)
+    coverage.learn(later, CENTER, np.array([RADIUS]), np.array([0]))
+    after = by_color(later, coverage)
+    assert before[around].mean() > 0.3
+    assert after[around].mean() < 0.1
+    assert after[AWAY < RADIUS - 1].mean() > 0.95

@@ -119,9 +119,22 @@ class BodyTracker:
         body = self._of(markers)
         body.carry(places, time, self._radius(body))
 
-    def learn(self, markers: NDArray[np.int64], looks: Looks, which: NDArray[np.int64]) -> None:
-        """Takes in how markers (K,) look that aren't found by it, as flow knows them, where they are those (K,)."""
-        self._looks.take(markers, looks, which)
+    def learn(self, markers: NDArray[np.int64], places: Array, more: Mask, looks: Looks) -> None:
+        """Takes in where flow found more markers of a body, and how they look now.
+
+        Args:
+            markers: Those of the body. Shape (M,).
+            places: Where they are in the newest frame, NaN of those that nobody found [px]. Shape (M, 2).
+            more: Which were found by flow. Shape (M,).
+            looks: What they look like to it.
+        """
+        body = self._of(markers)
+        self._looks.take(markers[more], looks, np.flatnonzero(more))
+        if body.doubt == 0.0:
+            body.adapt(places, 0.0, self._firm(body))
+
+    def _firm(self, body: Body) -> float:
+        return FIRM * self._radius(body) + 0.3
 
     def leave(self, markers: NDArray[np.int64]) -> tuple[Looks, Array]:
         """Doesn't follow a body any longer, which is that of these markers: what is `known` of it."""
@@ -229,7 +242,7 @@ class BodyTracker:
         for body in self._bodies:
             if body.doubt == 0.0 and not body.fixed:
                 rate = min(1.0, (time - self._time) / ADAPT_TIME)
-                body.adapt(known[body.markers], rate, FIRM * self._radius(body) + 0.3)
+                body.adapt(known[body.markers], rate, self._firm(body))
         self._looks.learn(image, spots, certain, found.spots[certain], found.blur[certain])
         return found.positions, confidence
 

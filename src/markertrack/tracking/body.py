@@ -47,7 +47,7 @@ class Body:
 
     @property
     def changed(self) -> float:
-        """By how much its shape differs from any that tilting gives the first one, for a quarter of its markers [px]."""
+        """By how much its shape differs from the first one, however tilted, for a quarter of its markers [px]."""
         tilted = affine_fit(self._first_shape, self.shape, 0.0)
         return float(np.quantile(np.linalg.norm(self.shape - tilted, axis=1), GIVING))
 

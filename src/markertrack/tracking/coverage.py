@@ -85,7 +85,7 @@ class Coverage:
         own = (weights * known[:, :, CORE]).sum(axis=1)  # less than 1 where other things have its colors
         weights /= np.maximum(own, LEAST)[:, None]
         squares = np.einsum("mi,mij,mj->m", weights, known[:, :, OFF], weights)
-        noise = np.clip(DEVIATIONS * np.sqrt(squares), *NOISE)
+        noise = np.clip(DEVIATIONS * np.sqrt(np.maximum(squares, 0.0)), *NOISE)
         self.weights[markers], self.clear[markers] = np.column_stack([weights, noise]), own > 0.5
 
 

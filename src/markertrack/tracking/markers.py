@@ -126,7 +126,9 @@ class MarkerTracker:
         flowed.aliased |= apart & ~flowed.followed
         flowed.followed = more | apart & flowed.followed
         positions[of[more]], confidence[of[more]] = places[more], sure[more]
-        self._bodies.learn(of[more], flowed.looks, np.flatnonzero(more))
+        if more.any():
+            found = np.where((confidence[of] > DOUBT)[:, None], positions[of], np.nan)
+            self._bodies.learn(part, found, more, flowed.looks)
         if more.sum() > 1 and not believed.any():
             self._bodies.carry(part, np.where(more[:, None], places, np.nan), time)
         if believed.all():
