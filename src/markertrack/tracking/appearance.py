@@ -1,8 +1,6 @@
 """What a marker looks like: its color against all that surrounds it, and its radius, learned from the first frame.
 
-Each pixel is given its coverage: the share of it that a marker covers, 0 on the body and in the water, 1 on a marker.
-Coverage is a polynomial of the color, fitted to discs drawn at the known points, so it is right for a light body and
-dark water, for colored markers and for the mixed colors at a marker's edge alike.
+Each pixel is given its coverage (`coverage`), the same for all markers, by a table of colors.
 """
 
 from __future__ import annotations
@@ -13,12 +11,12 @@ import numpy as np
 from numba import njit  # pyright: ignore[reportMissingTypeStubs]
 from numpy.typing import NDArray
 
+from markertrack.tracking.coverage import coverages, moments, polynomials
 from markertrack.tracking.matching import gaps_of
 from markertrack.tracking.tracker import AGREE, Array, Image, Mask
 from swimbase.errors import TrackingError
 
 BITS = 6  # of each color that the table of coverage keeps
-SURROUNDINGS = 3.0  # radii around a marker that its color is told apart from
 KEEP_FIRST = 0.5  # share of the first frame in what is known, for good
 INNER_EDGE = 0.4  # of the largest change of color, from which an edge further inside is a marker's
 SECTORS = 8  # directions from a point: a marker ends in all of them, what it is on doesn't
@@ -30,7 +28,6 @@ LEAST_CONTRAST = 0.35  # coverage of a marker's inside above its surroundings
 _LEAST_COVERAGE = 0.15  # below it a pixel is noise
 _RADII = 1.12 ** np.arange(32) * 1.5
 ROUNDS = 4  # of fitting discs anew, as what they are fitted by changes with them
-_RIDGE = 1e-5
 
 
 Table = NDArray[np.float32]
@@ -195,7 +192,7 @@ class Appearance:
         """Color, radius and centers, in turns until they agree."""
         self.points, self.radius = points.copy(), radius
         for sure in np.repeat([True, False], ROUNDS):
-            self._first: tuple[Array, ...] = _moments(image, self.points, self.radius, AGREE[1] if sure else 0.0)
+            self._first = self._seen(image, self.points, AGREE[1] if sure else 0.0)
             self._rebuild(self._first)
             # as far as the points may be off, but not nearer to another marker
             reaches = np.full(len(points), 1.3 * self.radius + 2.0)
@@ -217,56 +214,22 @@ class Appearance:
             image: RGB. Shape (H, W, 3).
             points: Positions of the markers that were found with certainty [px]. Shape (K, 2).
         """
-        self._rebuild(_moments(image, points, self.radius))
+        self._rebuild(self._seen(image, points, 0.0))
 
-    def _rebuild(self, now: tuple[Array, ...]) -> None:
-        matrix, target = (KEEP_FIRST * a + (1 - KEEP_FIRST) * b for a, b in zip(self._first, now, strict=True))
-        weights = np.linalg.solve(matrix + _RIDGE * np.diag(np.diag(matrix) + 1e-9), target)
-        self.table = np.clip(_palette() @ weights, 0.0, 1.0).astype(np.float32)
+    def _seen(self, image: Image, points: Array, unsure: float) -> Array:
+        every = np.arange(len(points))
+        return moments(image, points, np.full(len(points), self.radius), every, unsure).mean(axis=0, keepdims=True)
 
-
-def _features(colors: Array) -> Array:
-    """Cubic polynomial of colors from 0 to 1. Shape (N, 3) to (N, 20)."""
-    powers = [(i, j, k) for i in range(4) for j in range(4 - i) for k in range(4 - i - j)]
-    r, g, b = ((level**0, level, level * level, level**3) for level in colors.T)
-    return np.stack([r[i] * g[j] * b[k] for i, j, k in powers], axis=1)
+    def _rebuild(self, now: Array) -> None:
+        weights = polynomials(KEEP_FIRST * self._first + (1 - KEEP_FIRST) * now)
+        self.table = coverages(_palette(), weights[0]).ravel()
 
 
 @cache
-def _palette() -> Array:
-    """Features of every color of the table, 42 MB: made by the first tracker, not by whoever imports this."""
-    levels = (np.arange(2**BITS) + 0.5) / 2**BITS
-    colors = np.stack(np.meshgrid(levels, levels, levels, indexing="ij"), axis=-1).reshape(-1, 3)
-    return _features(colors)
-
-
-def _moments(image: Image, points: Array, radius: float, unsure: float = 0.0) -> tuple[Array, Array]:
-    """What a fit of coverage needs: products of the polynomial with itself and with the discs.
-
-    Where points may be off by `unsure` [px], only pixels count that are on or off a marker all the same.
-    """
-    reach = int(np.ceil(SURROUNDINGS * radius + 2 * unsure)) + 1
-    matrix, target = np.zeros((20, 20)), np.zeros(20)
-    total = 0.0
-    for point in points:
-        window, grid = _cut(image, point, reach)
-        if window.size == 0:
-            continue
-        away = _nearest_distance(grid, point, points)
-        wanted = np.clip(radius - away + 0.5, 0.0, 1.0).ravel()
-        colors = (window.reshape(-1, 3) + 0.5) / 256
-        weights = np.where(np.abs(away.ravel() - radius) < 1.5, 0.2, 1.0)  # the edge isn't known that well
-        if unsure:
-            inner, outer = max(radius - unsure, 0.4 * radius), radius + unsure
-            weights = ((away <= inner) | (away >= outer)).ravel().astype(float)
-        on = wanted > 0.5
-        weights = weights * np.where(on, 1 / max(weights[on].sum(), 1.0), 1 / max(weights[~on].sum(), 1.0))
-        features = _features(colors)
-        matrix += (features * weights[:, None]).T @ features
-        target += (features * weights[:, None]).T @ wanted
-        total += float(weights.sum())
-    total = max(total, 1e-12)
-    return matrix / total, target / total
+def _palette() -> Image:
+    """Every color of the table, as a picture. Shape (1, 2^(3 BITS), 3)."""
+    levels = np.arange(2 ** (8 - BITS - 1), 256, 2 ** (8 - BITS), dtype=np.uint8)
+    return np.stack(np.meshgrid(levels, levels, levels, indexing="ij"), axis=-1).reshape(1, -1, 3)
 
 
 @njit(cache=True, nogil=True, inline="always")

@@ -26,7 +26,7 @@ NOISE = 0.1, 0.5  # least and largest of coverage
 DEVIATIONS = 2.5  # of coverage beside a marker that are noise
 LEAST = 0.2  # coverage of a marker above that of what is around it, by which it is scaled
 TERMS = 20  # of a cubic polynomial of red, green and blue
-ON, OFF, DISC, CORE = slice(TERMS), slice(TERMS, 2 * TERMS), 2 * TERMS, 2 * TERMS + 1  # columns of `_moments`
+ON, OFF, DISC, CORE = slice(TERMS), slice(TERMS, 2 * TERMS), 2 * TERMS, 2 * TERMS + 1  # columns of `moments`
 
 
 class Coverage:
@@ -47,7 +47,7 @@ class Coverage:
             unsure: By how much both may be off [px].
         """
         count = len(points)
-        self._known = _moments(image, points, radii, np.arange(count), unsure)
+        self._known = moments(image, points, radii, np.arange(count), unsure)
         self._around = self._known[:, :, OFF.start].copy()  # mean terms of what is around each now
         self.weights, self.clear = np.empty((count, TERMS + 1)), np.empty(count, dtype=bool)
         self._fit(np.arange(count))
@@ -66,7 +66,7 @@ class Coverage:
 
     def learn(self, image: Image, positions: Array, radii: Array, markers: NDArray[np.int64]) -> None:
         """Takes in what some markers (K,) look like now, by positions (M, 2), NaN of lost ones, and radii (M,) [px]."""
-        now = _moments(image, positions, radii, markers, 0.0)
+        now = moments(image, positions, radii, markers, 0.0)
         self._known[markers] += RATE * (now - self._known[markers])
         self._around[markers] = now[:, :, OFF.start]
         self._fit(markers)
@@ -78,15 +78,30 @@ class Coverage:
 
     def _fit(self, markers: NDArray[np.int64]) -> None:
         known = self._known[markers]
-        matrix = known[:, :, ON] + known[:, :, OFF]
-        held = RIDGE * (np.einsum("mii->mi", matrix) + 1e-9)
-        weights = np.linalg.solve(matrix + held[:, :, None] * np.eye(TERMS), known[:, :, DISC, None])[..., 0]
+        weights = polynomials(known)
         weights[:, 0] -= (weights * self._around[markers]).sum(axis=1)  # the first term is 1
         own = (weights * known[:, :, CORE]).sum(axis=1)  # less than 1 where other things have its colors
         weights /= np.maximum(own, LEAST)[:, None]
         squares = np.einsum("mi,mij,mj->m", weights, known[:, :, OFF], weights)
         noise = np.clip(DEVIATIONS * np.sqrt(np.maximum(squares, 0.0)), *NOISE)
         self.weights[markers], self.clear[markers] = np.column_stack([weights, noise]), own > 0.5
+
+
+def polynomials(known: Array) -> Array:
+    """Weights of the terms by which coverage is fitted best to what is known of markers: `moments`. Shape (K, 20)."""
+    matrix = known[:, :, ON] + known[:, :, OFF]
+    held = RIDGE * (np.einsum("mii->mi", matrix) + 1e-9)
+    return np.linalg.solve(matrix + held[:, :, None] * np.eye(TERMS), known[:, :, DISC, None])[..., 0]
+
+
+@njit(cache=True, nogil=True)
+def coverages(image: Image, weights: Array) -> NDArray[np.float32]:
+    """Coverage of each pixel of a picture, from 0 to 1. Shape (H, W)."""
+    out = np.empty(image.shape[:2], dtype=np.float32)
+    for i in range(image.shape[0]):
+        for j in range(image.shape[1]):
+            out[i, j] = covered(image, i, j, weights)
+    return out
 
 
 @njit(cache=True, nogil=True)
@@ -131,7 +146,7 @@ def _product(terms: Array, weight: float, sums: Array) -> None:
 
 
 @njit(cache=True, nogil=True)
-def _moments(image: Image, points: Array, radii: Array, markers: NDArray[np.int64], unsure: float) -> Array:
+def moments(image: Image, points: Array, radii: Array, markers: NDArray[np.int64], unsure: float) -> Array:
     """What a fit needs: mean products of the terms on and off some markers, and with a disc; mean terms on them.
 
     Where points may be off, only pixels count that are on or off a marker all the same.
