@@ -29,7 +29,6 @@ _LEAST_COVERAGE = 0.15  # below it a pixel is noise
 _RADII = 1.12 ** np.arange(32) * 1.5
 ROUNDS = 4  # of fitting discs anew, as what they are fitted by changes with them
 
-
 Table = NDArray[np.float32]
 
 
@@ -145,17 +144,11 @@ def _cut(image: Image, point: Array, reach: int) -> tuple[Image, NDArray[np.int6
 def _own_distance(grid: NDArray[np.int64], point: Array, points: Array) -> Array:
     """Distance of pixels from a point, infinite where another of the points is nearer. Shape (H, W)."""
     away = np.linalg.norm(grid - point, axis=2)
-    away[_nearest_distance(grid, point, points) < away] = np.inf
-    return away
-
-
-def _nearest_distance(grid: NDArray[np.int64], point: Array, points: Array) -> Array:
-    """Distance of the pixels around one of the points from the nearest of them all. Shape (H, W)."""
-    away = np.linalg.norm(grid - point, axis=2)
-    near = np.linalg.norm(points - point, axis=1) < 2 * away.max(initial=0.0)  # no other one can be the nearest
+    out = away.copy()
+    near = np.linalg.norm(points - point, axis=1) < 2 * away.max(initial=0.0)  # no other one can be nearer
     for other in points[near]:
-        away = np.minimum(away, np.linalg.norm(grid - other, axis=2))
-    return away
+        out[np.linalg.norm(grid - other, axis=2) < away] = np.inf
+    return out
 
 
 class Appearance:

@@ -171,13 +171,14 @@ class _Flowed:
     """The markers of one body, followed by flow from a frame on in which the body was believed.
 
     Attributes:
+        looks: What the markers look like, as it knows.
         aliased: Markers that were where the last step led another one of the body: they may be that one. Shape (M,).
         followed: Markers of which flow was believed in the last frame. Shape (M,).
     """
 
     def __init__(self, frame: _Frame, looks: Looks, places: Array, known: Mask, steps: Array) -> None:
         self._free, self._expected = FreeTracker(NEARBY), places + steps
-        self._looks = looks
+        self.looks = looks
         self._free.take_over(frame.image, looks, places, known, frame.time)
         self.aliased = np.zeros(len(places), dtype=bool)
         self.followed = np.zeros(len(places), dtype=bool)
@@ -185,10 +186,6 @@ class _Flowed:
     @property
     def radii(self) -> Array:
         return self._free.radii
-
-    @property
-    def looks(self) -> Looks:
-        return self._looks
 
     def turn(self) -> None:
         """Takes in that the film is played backward from here on."""
