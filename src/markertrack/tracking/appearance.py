@@ -17,6 +17,7 @@ from markertrack.tracking.tracker import AGREE, Array, Image, Mask
 from swimbase.errors import TrackingError
 
 BITS = 6  # of each color that the table of coverage keeps
+SURROUNDINGS = 3.0  # radii around a marker that its color is told apart from
 KEEP_FIRST = 0.5  # share of the first frame in what is known, for good
 INNER_EDGE = 0.4  # of the largest change of color, from which an edge further inside is a marker's
 SECTORS = 8  # directions from a point: a marker ends in all of them, what it is on doesn't
@@ -210,8 +211,8 @@ class Appearance:
         self._rebuild(self._seen(image, points, 0.0))
 
     def _seen(self, image: Image, points: Array, unsure: float) -> Array:
-        every = np.arange(len(points))
-        return moments(image, points, np.full(len(points), self.radius), every, unsure).mean(axis=0, keepdims=True)
+        every, radii = np.arange(len(points)), np.full(len(points), self.radius)
+        return moments(image, points, radii, every, SURROUNDINGS, unsure).mean(axis=0, keepdims=True)
 
     def _rebuild(self, now: Array) -> None:
         weights = polynomials(KEEP_FIRST * self._first + (1 - KEEP_FIRST) * now)
