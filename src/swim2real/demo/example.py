@@ -22,7 +22,6 @@ FILMS = Path(__file__).parent / "films"  # made by examples/swims.py
 FREQUENCIES = (0.5, 0.75, 1.0, 1.25)
 MORE_FREQUENCIES = (1.5, 1.75, 2.0, 2.25)  # of the films that only `--full` takes
 HELD_OUT = "f0_75"
-_BUDGET = 800  # evaluations, after which the demo ends anyway; its search is done before, by evidence
 _HIDDEN_SEED = 2026
 # a fish that swims: the hidden parameters are drawn around these points of the cube, one per parameter group
 _CENTER, _SPREAD = np.repeat([0.55, 0.6, 0.5, 0.85, 0.5, 0.55, 0.55, 0.3], [1, 1, 1, 1, 1, 1, 5, 5]), 0.12
@@ -45,12 +44,12 @@ def hidden_values() -> dict[str, float]:
 
 
 def demo_settings(budget: int | None = None, seed: int = 2, workers: int | None = None) -> CalibrationSettings:
-    """Settings of the demo's calibration: those of any, with one trial held out and fewer evaluations.
+    """Settings of the demo's calibration: those of any, with one trial held out.
 
     Raises:
         ArgumentError: A value is outside what is allowed.
     """
-    return CalibrationSettings(budget=budget or _BUDGET, seed=seed, hold_out=(HELD_OUT,), threads=workers)
+    return CalibrationSettings(budget=budget, seed=seed, hold_out=(HELD_OUT,), threads=workers)
 
 
 def track(
