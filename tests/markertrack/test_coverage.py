@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from markertrack.tracking.coverage import TERMS, Coverage, covered
+from markertrack.tracking.coverage import TERMS, Coverage, coverages
 
 CENTER, RADIUS = np.array([[40.0, 30.0]]), 8.0
 ROWS, COLUMNS = np.mgrid[:60, :80]
@@ -25,8 +25,7 @@ def learned(image):
 
 
 def by_color(image, coverage):
-    weights = coverage.weights[0]
-    return np.array([[covered(image, i, j, weights) for j in range(80)] for i in range(60)])
+    return coverages(image, coverage.weights[0])
 
 
 def test_a_marker_is_told_from_lighter_and_darker_surroundings_at_once():

@@ -111,8 +111,11 @@ class BodyTracker:
 
     def known(self, markers: NDArray[np.int64]) -> tuple[Looks, Array]:
         """What the markers of a body look like and where it was last [px]."""
-        body = self._of(markers)
-        return self._looks.of(markers), body.history[-1][1]
+        return self._looks.of(markers), self.laid(markers)
+
+    def laid(self, markers: NDArray[np.int64]) -> Array:
+        """Where the markers of a body lie by where it was last [px]. Shape (M, 2)."""
+        return self._of(markers).history[-1][1]
 
     def carry(self, markers: NDArray[np.int64], places: Array, time: float) -> None:
         """Takes in where flow brought a body that wasn't found, NaN where it doesn't know [px]. Shape (M, 2)."""

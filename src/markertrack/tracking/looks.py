@@ -97,12 +97,16 @@ class Looks:
             if self.plain[marker] and others.plain[other]:
                 self._areas[marker], self._moments[marker] = others._areas[other], others._moments[other]
                 self._finder.coverage.take(marker, others._finder.coverage.of(np.array([other])))
-        self._finder.radii = np.where(self.plain, self.radii, self._finder.radii)
+        self._resize()
 
     @property
     def radii(self) -> Array:
         """Radius of each marker as it is now [px]. Shape (M,)."""
         return np.sqrt(self._areas / np.pi)
+
+    def _resize(self) -> None:
+        """Has spots looked for by the radii of now."""
+        self._finder.radii = np.where(self.plain, self.radii, self._finder.radii)
 
     def find(
         self, image: Image, boxes: NDArray[np.int64], ways: Array | float = 0.0, places: Array | None = None
@@ -145,7 +149,7 @@ class Looks:
         self._areas = self._areas * factors**2
         self._patches.grow(factors)
         self._moments = self._moments * (factors**2)[:, None]
-        self._finder.radii = np.where(self.plain, self.radii, self._finder.radii)
+        self._resize()
 
     def pick_again(self, image: Image, marker: int, place: Array) -> Array | None:
         """The center (2,) of the spot of about a marker's size at a place (2,), whatever its color is now.
@@ -238,7 +242,7 @@ class Looks:
         change = GROWTH * (spots.areas[chosen] / self._areas[markers] - 1)
         self._areas[markers] *= 1 + change
         self._moments[markers] *= 1 + change[:, None]
-        self._finder.radii = np.where(self.plain, self.radii, self._finder.radii)
+        self._resize()
         self._finder.learn(image, positions, ways)
         for marker, spot in zip(markers.tolist(), chosen.tolist(), strict=True):
             if np.hypot(*ways[marker]) < SHARP * self.radii[marker]:

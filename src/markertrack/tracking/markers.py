@@ -114,10 +114,9 @@ class MarkerTracker:
             self._doubted[key] = _Flowed(self._last, looks, places, known, self._last.steps[of])
         flowed = self._doubted[key]
         places, sure = flowed.follow(image, time)
-        _, laid = self._bodies.known(part)
         certain = sure > DOUBT
         if believed.any():  # against a body flow is too little
-            certain &= (sure >= CERTAIN) | ~contradict(places, laid, flowed.radii)
+            certain &= (sure >= CERTAIN) | ~contradict(places, self._bodies.laid(part), flowed.radii)
         certain &= np.linalg.norm(places - self._last.positions[of], axis=1) < STREAK * flowed.radii
         doubled = self._doubled(places, flowed.radii, positions, np.where(confidence > DOUBT, self.radii, np.nan))
         both, more = certain & believed, certain & ~believed & ~doubled
