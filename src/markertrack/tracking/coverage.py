@@ -132,14 +132,8 @@ def covered(image: Image, i: int, j: int, w: Array) -> float:
 
 
 @njit(cache=True, nogil=True)
-def _pixel(image: Image, i: int, j: int, weight: float, terms: Array, sums: Array) -> None:
-    """Adds a pixel's products of the terms."""
-    _terms((image[i, j, 0] + 0.5) / 256, (image[i, j, 1] + 0.5) / 256, (image[i, j, 2] + 0.5) / 256, terms)
-    _product(terms, weight, sums)
-
-
-@njit(cache=True, nogil=True)
 def _product(terms: Array, weight: float, sums: Array) -> None:
+    """Adds the products of a pixel's terms."""
     for p in range(TERMS):
         for q in range(TERMS):
             sums[p, q] += weight * terms[p] * terms[q]
@@ -190,7 +184,9 @@ def moments(
                     if not mine:
                         continue
                     weight = EDGE_WEIGHT if abs(away - radius) < EDGE else 1.0
-                    _pixel(image, i, j, weight, terms, sums[part])
+                    color = image[i, j]
+                    _terms((color[0] + 0.5) / 256, (color[1] + 0.5) / 256, (color[2] + 0.5) / 256, terms)
+                    _product(terms, weight, sums[part])
                     for n in range(TERMS):
                         discs[part, n] += weight * share * terms[n]
                         out[k, n, CORE] += share * share * terms[n] if part == 0 else 0.0
