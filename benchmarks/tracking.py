@@ -32,17 +32,17 @@ from csrt import CsrtTracker
 from pool import Filmed
 from tracking_clips import CSRT_CLIPS, SUITE, Array, Clip, random_clip
 
+from markertrack.both_ways import both_ways
 from markertrack.quality import DOUBTFUL
-from markertrack.tracking.detection import DetectionTracker
 from markertrack.tracking.markers import MarkerTracker
-from markertrack.video import VideoReader
+from markertrack.video import Frame, VideoReader
 from swimbase.errors import TrackingError
 
 WARM_UP = 2  # frames of a clip that aren't timed: compiled code is loaded
 WRONG = 10.0  # px by which a marker that is reported may be off before it counts as a silent error
 MOST_MISSED, MOST_RMSE = 0.10, 0.5  # share, px: a random clip above them is listed
-Frames = Iterable[tuple[float, NDArray[np.uint8]]]
-AnyTracker = DetectionTracker | MarkerTracker | CsrtTracker
+AnyTracker = MarkerTracker | CsrtTracker
+Frames = Iterable["Picture | Frame"]
 
 
 @dataclass(frozen=True)
@@ -122,26 +122,37 @@ class Result:
         return 1e3 * self.track_time / count, 1e3 * self.decode_time / count
 
 
+@dataclass(frozen=True)
+class Picture:
+    """A frame that no film holds. See `markertrack.video.Frame`."""
+
+    index: int
+    time: float
+    image: NDArray[np.uint8]
+    intact: bool = True
+
+
 def tracked(clip: Clip, filmed: Filmed, frames: Frames, tracker: AnyTracker) -> Result:
-    """Runs a tracker over the frames of a clip."""
-    picks = clip.picks(filmed)
-    found: list[Array] = []
-    confidence: list[Array] = []
-    spent = waited = 0.0
-    began = time.thread_time()  # all is done in this thread; what else the machine does counts little
-    for moment, image in frames:
-        came = time.thread_time()
-        if not found:
-            # CSRT reports nothing of the first frame
-            positions, sure = tracker.start(image, picks, moment) or (picks, np.ones(len(picks)))
-        else:
-            positions, sure = tracker.follow(image, moment)
-            if len(found) >= WARM_UP:
-                waited += came - began
-                spent += time.thread_time() - came
-        found.append(positions)
-        confidence.append(sure)
-        began = time.thread_time()
+    """Runs a tracker over the frames of a clip: ours both ways, as `swim2real track` does."""
+    waited = began = 0.0
+
+    def timed() -> Iterator[Picture | Frame]:
+        """All is done in this thread; what else the machine does counts little."""
+        nonlocal waited, began
+        source = iter(frames)
+        while True:
+            before = time.thread_time()
+            frame = next(source, None)
+            if frame is None:
+                return
+            waited += time.thread_time() - before
+            yield frame
+            if frame.index == WARM_UP - 1:
+                waited, began = 0.0, time.thread_time()
+
+    way = both_ways if isinstance(tracker, MarkerTracker) else forward
+    _, found, confidence = zip(*way(tracker, timed(), clip.picks(filmed)), strict=True)
+    spent = time.thread_time() - began - waited
     radius = clip.camera.marker_radius / filmed.meters_per_pixel
     places = clip.places(filmed)
     if len(places) != len(found):
@@ -150,10 +161,21 @@ def tracked(clip: Clip, filmed: Filmed, frames: Frames, tracker: AnyTracker) -> 
     return Result(np.array(found), np.array(confidence), places, radius, filmed.hidden, size, spent, waited)
 
 
-def decoded(path: Path) -> Iterator[tuple[float, NDArray[np.uint8]]]:
+def forward(tracker: CsrtTracker, frames: Frames, picks: Array) -> Iterator[tuple[Picture | Frame, Array, Array]]:
+    """Follows markers forth alone. CSRT reports nothing of the first frame."""
+    for frame in frames:
+        if frame.index == 0:
+            tracker.start(frame.image, picks, frame.time)
+            yield frame, picks, np.ones(len(picks))
+        else:
+            yield frame, *tracker.follow(frame.image, frame.time)
+
+
+def decoded(path: Path) -> Iterator[Frame]:
     with VideoReader(path, threads=1) as reader:
         for frame in reader:
-            yield frame.time, frame.image
+            _ = frame.image  # its conversion is part of decoding
+            yield frame
 
 
 def on_disk(clip: Clip, folder: Path) -> tuple[Filmed, Path]:
@@ -229,7 +251,8 @@ def random_clips(indices: Iterable[int], seed: int, make: Callable[[], AnyTracke
         clip = random_clip(seed, index)
         swim = clip.scene()
         try:
-            result = tracked(clip, swim.filmed, swim, make())
+            pictures = (Picture(n, *one) for n, one in enumerate(swim))
+            result = tracked(clip, swim.filmed, pictures, make())
         except TrackingError as error:
             short.append(f"- clip {index}: {clip.settings()}\n  refused: {error}")
             print(f"| {clip.name} | refused |", flush=True)
@@ -278,7 +301,7 @@ def main() -> None:
     parser.add_argument("--index", type=int, nargs="*", help="only these of the random clips")
     parser.add_argument("--free", action="store_true", help="as nine markers that nothing connects")
     arguments = parser.parse_args()
-    make = partial(MarkerTracker, range(9)) if arguments.free else DetectionTracker
+    make = partial(MarkerTracker, range(9), chain=not arguments.free)
     packages = ", ".join(f"{name} {version(name)}" for name in ("numba", "numpy", "scipy", "av"))
     print(f"{os.cpu_count()} cores {platform.machine()}, {platform.system()}; Python {platform.python_version()}, "
           f"{packages}{_opencv() if arguments.csrt or arguments.csrt_all else ''}")  # fmt: skip

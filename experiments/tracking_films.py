@@ -20,7 +20,7 @@ from pool import Glare, PoolCamera, film, scene
 from markertrack.camera_file import CameraFile, write_camera
 from markertrack.cleaning import fill_gaps
 from markertrack.points import save_points
-from markertrack.quality import check_track
+from markertrack.quality import DOUBTFUL, check_track
 from markertrack.track import MarkerTrack
 from markertrack.tracking.labeling import label_markers
 from markertrack.video import VideoReader
@@ -131,7 +131,7 @@ def judge(folder):
         pixels, _ = read_dlc(f"{folder}/tracks/{trial.name}.pixels.csv", 60)
         nearest = np.abs(truth["times"] - trial.track.times[:, None]).argmin(axis=1)
         off = np.linalg.norm(pixels.positions - truth["places"][nearest], axis=2)
-        seen, used = pixels.confidence > 0, check_track(trial.track, FISH.rest_markers).weights > 0
+        seen, used = pixels.confidence >= DOUBTFUL, check_track(trial.track, FISH.rest_markers).weights > 0
         print(
             f"{trial.name}: {off.size} marker-frames, {(~seen).sum()} lost; of those seen RMSE "
             f"{np.sqrt((off[seen] ** 2).mean()):.2f} px, {(off[seen] > 3).sum()} off by over 3 px, "

@@ -32,7 +32,7 @@ def test_the_package_and_its_command_line_bring_nothing_heavy(statement):
     ("modules", "library"),
     [
         ("swim2real.trials, swim2real.objective, swim2real.optimizers", "mujoco"),
-        ("markertrack.video, markertrack.tracking.detection, markertrack.tracking.tracker", "mujoco"),
+        ("markertrack.video, markertrack.tracking.markers, markertrack.tracking.tracker", "mujoco"),
         # the package; its trackers are modules of it
         ("swim2real.report, swim2real.rl, swim2real.viewing, swim2real.rendering, markertrack.quality", "cv2"),
     ],

@@ -1,6 +1,6 @@
 """Short gaps filled and noise smoothed, without inventing measurements and without flattening the beat.
 
-`smooth`, then `fill_gaps`. A filled sample has a position and a confidence of 0: it can be drawn and its head gives the
+`smooth`, then `fill_gaps`. A filled sample has a position and a low confidence: it can be drawn and its head gives the
 fish's progress, but `check_track` counts it as lost, so no loss of the aligned protocol is computed from it. The
 paper's protocol takes every position there is.
 """
@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from markertrack.quality import runs
+from markertrack.quality import DOUBTFUL, runs
 from markertrack.track import MarkerTrack
 from markertrack.tracking.tracker import Array, Mask
 from swimbase.errors import ArgumentError
@@ -31,19 +31,20 @@ def fill_gaps(track: MarkerTrack, longest: float = LONGEST) -> MarkerTrack:
     gaps`). It also needs no head.
 
     Args:
-        track: In pixels or meters. Samples with confidence 0 are gaps, wherever they are.
+        track: In pixels or meters. Samples with confidence 0 are gaps, wherever they are; so are short stretches of
+            doubtful ones, and longer ones say nothing about others.
         longest: Longest gap that is filled: missing frames times the frame interval [s].
 
     Returns:
-        The track with filled samples at confidence 0, and NaN in longer gaps and in those at either end.
+        The track with filled samples at the confidence that they had, NaN in longer gaps and in those at either end.
 
     Raises:
         ArgumentError: `longest` is no time.
     """
     if not (np.isfinite(longest) and longest >= 0):
         raise ArgumentError(f"longest is {longest} s; the longest gap to fill must be finite and at least 0")
-    known = track.confidence > 0
-    positions = np.where(known[:, :, None], track.positions, np.nan)
+    known = track.confidence >= DOUBTFUL
+    positions = np.where(track.confidence[:, :, None] > 0, track.positions, np.nan)
     interval = float(np.median(np.diff(track.times)))
     limit = longest + 1.01 * interval  # from the last sample before a gap to the first after it
     for m in range(track.marker_count):
@@ -70,7 +71,7 @@ def smooth(track: MarkerTrack, window: int | None = None) -> MarkerTrack:
     """Takes noise out with local cubics, fitted over time stamps that may be uneven (a Savitzky–Golay filter).
 
     Every stretch of a marker without a gap is smoothed by itself; at its ends the window lies to one side. A stretch
-    shorter than the window stays as it is, and so do samples with confidence 0.
+    shorter than the window stays as it is, and so do doubtful samples.
 
     Args:
         track: In pixels or meters.
@@ -84,7 +85,7 @@ def smooth(track: MarkerTrack, window: int | None = None) -> MarkerTrack:
         return track
     positions = track.positions.copy()
     for m in range(track.marker_count):
-        for start, stop in runs(track.confidence[:, m] > 0):
+        for start, stop in runs(track.confidence[:, m] >= DOUBTFUL):
             if stop - start >= size:
                 kernels, first = _kernels(track.times[start:stop], size)
                 samples = track.positions[start:stop, m][first[:, None] + np.arange(size)]

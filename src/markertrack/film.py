@@ -18,7 +18,6 @@ from markertrack.points import Anchor, load_anchors, load_points
 from markertrack.quality import LostMarkers, check_lost
 from markertrack.span import WHOLE, Span
 from markertrack.track import MarkerTrack
-from markertrack.tracking.detection import DetectionTracker
 from markertrack.tracking.labeling import label_markers
 from markertrack.tracking.markers import MarkerTracker
 from markertrack.tracking.tags import TagTracker
@@ -172,10 +171,8 @@ def _in_a_row(ends: Array, layout: Layout) -> Array:
 
 
 def _tracker(layout: Layout, tags: str | None) -> Tracker:
-    """The tracker of a layout; a chain and other bodies are detected by what keeps their shape."""
-    if tags is not None:
-        return TagTracker(tags)
-    return DetectionTracker() if layout.chain else MarkerTracker(layout.bodies, fixed=0)
+    """The tracker of a layout."""
+    return TagTracker(tags) if tags is not None else MarkerTracker(layout.bodies, 0, layout.chain)
 
 
 def _labeled(first: Frame, layout: Layout, tags: str | None) -> Array:

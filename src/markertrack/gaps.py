@@ -153,7 +153,7 @@ def joined(forth: tuple[Array, Array], back: tuple[Array, Array], radii: Array) 
     """
     positions, confidence = forth[0].copy(), forth[1].copy()
     between = np.linalg.norm(forth[0] - back[0], axis=2)
-    apart = contradict(forth[0], back[0], radii)
+    apart, filled = contradict(forth[0], back[0], radii), np.zeros_like(confidence, dtype=bool)
     for m in range(positions.shape[1]):
         certain, again, other = forth[1][:, m] >= DOUBTFUL, back[1][:, m] >= DOUBTFUL, apart[:, m]
         known = certain & ~_refuted(certain, again, other)
@@ -167,6 +167,12 @@ def joined(forth: tuple[Array, Array], back: tuple[Array, Array], radii: Array) 
         fill = kept & ~known & confirmed
         positions[fill, m], confidence[fill, m] = back[0][fill, m], back[1][fill, m]
         confidence[~known & ~fill, m] = np.minimum(confidence[~known & ~fill, m], DOUBT)
+        filled[:, m] = fill
+    for k in np.flatnonzero(filled.any(axis=1)):  # one thing is one marker: that which both ways, or one, knew there
+        near = np.linalg.norm(positions[k, :, None] - positions[k], axis=2) < np.minimum(radii[:, None], radii)
+        near &= ~filled[k] & (confidence[k] >= DOUBTFUL) & ~np.eye(len(radii), dtype=bool)
+        twice = filled[k] & near.any(axis=1)
+        confidence[k, twice] = DOUBT
     return positions, confidence
 
 

@@ -284,8 +284,8 @@ class TrackingSettings:
     """Settings of marker tracking in videos.
 
     Attributes:
-        tracker: detection: finds all markers in every frame anew. aruco: ArUco and AprilTag markers, identified by
-            their numbers.
+        tracker: detection: follows markers by flow and by what they look like. aruco: ArUco and AprilTag markers,
+            identified by their numbers.
         tags: Dictionary of the tags for --tracker aruco, as OpenCV names it: 4X4_50, APRILTAG_36h11 and others.
         midline: Follow the midline of a swimmer without markers, of one tone, under a fixed camera; --markers then has
             the first and the last marker alone, clicked at the tips of head and tail (`pick --midline`).

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from markertrack.tracking.body import Body
 from markertrack.tracking.markers import MarkerTracker
 from swimbase.errors import TrackingError
 
@@ -244,3 +245,12 @@ def test_a_marker_is_never_reported_at_the_place_of_another_one():
     assert silent(off, confidence) == []
     assert (confidence[12:18, 1] < 0.5).all()
     assert (confidence[:, 0] >= 0.5).all()
+
+
+def test_a_body_that_was_pushed_is_not_expected_to_be_pushed_again():
+    places = np.array([[0.0, 0.0], [40.0, 10.0]])
+    body = Body(np.arange(2), False, places, 0.0)
+    for time, x in ((1.0, 10.0), (2.0, 7.0)):
+        body.follow(places + np.array([x, 0.0]), time)
+    # it goes on as in the last frame
+    np.testing.assert_allclose(body.predicted(3.0), places + np.array([4.0, 0.0]), atol=1e-9)

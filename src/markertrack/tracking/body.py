@@ -85,7 +85,8 @@ class Body:
         if len(self.history) > 2:
             oldest, first = self.history[-3]
             change = step - (earlier - first) * ((when - before) / (before - oldest))
-            places = places + _BEND * change * span * (span + 1) / 2
+            if (change**2).sum() < ((2 * step) ** 2).sum():  # who more than turns back was pushed, or seen wrong
+                places = places + _BEND * change * span * (span + 1) / 2
         return rigid_fit(self.shape, places)
 
     def turn_back(self) -> None:

@@ -36,8 +36,7 @@ class OwnColors:
         levels = _disc(image, place, radius) // (256 // LEVELS)
         if self._last is None or self._last[0] is not image:
             self._last = image, _shares(image)
-        own = self._own[marker]
-        likely = own / np.maximum(own + self._last[1], 1e-12)
+        likely = _likely(self._own[marker], self._last[1])
         return bool(len(levels)) and float(likely[levels[:, 0], levels[:, 1], levels[:, 2]].mean()) > EVEN
 
     def peaks(self, image: Image, marker: int, radius: float, places: Array) -> tuple[Array, Array]:
@@ -54,10 +53,8 @@ class OwnColors:
         """
         share = max(1, int(radius / DETAIL))
         small = cv2.resize(image, None, fx=1 / share, fy=1 / share, interpolation=cv2.INTER_AREA)
-        own, size = self._own[marker], radius / share
-        likely = own / np.maximum(own + _shares(image), 1e-12)
-        levels = small // (256 // LEVELS)
-        likely = likely[levels[..., 0], levels[..., 1], levels[..., 2]]
+        size, levels = radius / share, small // (256 // LEVELS)
+        likely = _likely(self._own[marker], _shares(image))[levels[..., 0], levels[..., 1], levels[..., 2]]
         reach = int(1.9 * size + 2)
         away = np.hypot(*np.mgrid[-reach : reach + 1, -reach : reach + 1])
         inside, around = away <= size, (away >= 1.3 * size + 1) & (away <= 1.9 * size + 2)
@@ -79,8 +76,14 @@ def _disc(image: Image, point: Array, radius: float) -> Image:
 
 
 def _shares(pixels: Image) -> Colors:
-    """Share of pixels (..., 3) of each color, spread as noise does. Shape (L, L, L)."""
+    """Share of pixels (..., 3) of each color. Shape (L, L, L)."""
     if not pixels.size:
         return np.zeros((LEVELS,) * 3, np.float32)
     counts = cv2.calcHist([pixels.reshape(-1, 1, 3)], [0, 1, 2], None, [LEVELS] * 3, [0, 256] * 3)
-    return np.asarray(gaussian_filter(counts / counts.sum(), NOISE, mode="nearest"), dtype=np.float32)
+    return np.asarray(counts / counts.sum(), dtype=np.float32)
+
+
+def _likely(own: Colors, every: Colors) -> Colors:
+    """How likely each color is a marker's and not any of the picture's, by the shares of both. Shape (L, L, L)."""
+    own, every = (gaussian_filter(shares, NOISE, mode="nearest") for shares in (own, every))
+    return np.asarray(own / np.maximum(own + every, 1e-12), dtype=np.float32)

@@ -47,7 +47,7 @@ class Coverage:
             unsure: By how much both may be off [px].
         """
         count = len(points)
-        self._known = moments(image, points, radii, np.arange(count), SURROUNDINGS, unsure)
+        self._known = moments(image, points, radii, np.arange(count), unsure)
         self._around = self._known[:, :, OFF.start].copy()  # mean terms of what is around each now
         self.weights, self.clear = np.empty((count, TERMS + 1)), np.empty(count, dtype=bool)
         self._fit(np.arange(count))
@@ -66,7 +66,7 @@ class Coverage:
 
     def learn(self, image: Image, positions: Array, radii: Array, markers: NDArray[np.int64]) -> None:
         """Takes in what some markers (K,) look like now, by positions (M, 2), NaN of lost ones, and radii (M,) [px]."""
-        now = moments(image, positions, radii, markers, SURROUNDINGS, 0.0)
+        now = moments(image, positions, radii, markers, 0.0)
         self._known[markers] += RATE * (now - self._known[markers])
         self._around[markers] = now[:, :, OFF.start]
         self._fit(markers)
@@ -140,9 +140,7 @@ def _product(terms: Array, weight: float, sums: Array) -> None:
 
 
 @njit(cache=True, nogil=True)
-def moments(
-    image: Image, points: Array, radii: Array, markers: NDArray[np.int64], surroundings: float, unsure: float
-) -> Array:
+def moments(image: Image, points: Array, radii: Array, markers: NDArray[np.int64], unsure: float) -> Array:
     """What a fit needs: mean products of the terms on and off some markers, and with a disc; mean terms on them.
 
     Where points may be off, only pixels count that are on or off a marker all the same.
@@ -152,7 +150,6 @@ def moments(
         points: Centers of all markers, NaN for those that aren't seen [px]. Shape (M, 2).
         radii: Their radii [px]. Shape (M,).
         markers: Indices of those that are looked at. Shape (K,).
-        surroundings: Radii around each that it is told apart from.
         unsure: By how much points and radii may be off [px].
 
     Returns:
@@ -168,7 +165,7 @@ def moments(
         inner, outer = max(radius - unsure, 0.4 * radius), radius + unsure
         sums[:], discs[:], totals[:], own[:] = 0.0, 0.0, 0.0, 0.0
         for part in range(2):  # on it and beside it
-            far = radius + 0.5 if part == 0 else surroundings * radius + 2 * unsure + 1
+            far = radius + 0.5 if part == 0 else SURROUNDINGS * radius + 2 * unsure + 1
             step = max(1, int(np.sqrt(np.pi * far * far / SAMPLES)))
             for i in range(max(int(y - far), 0), min(int(y + far) + 2, image.shape[0]), step):
                 for j in range(max(int(x - far), 0), min(int(x + far) + 2, image.shape[1]), step):

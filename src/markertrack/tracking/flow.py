@@ -73,10 +73,9 @@ class Flow:
                 if share not in pictures:
                     pictures[share] = _smaller(pictures[1], share)
             of = np.flatnonzero(shares == share)
-            self._improve(best, now, share, of, places, radii, np.zeros_like(places))
             moving = of[np.hypot(*steps[of].T) > STILL]
-            if len(moving):
-                self._improve(best, now, share, moving, places, radii, steps)
+            guesses = np.concatenate([np.zeros((len(of), 2)), steps[moving]])
+            self._improve(best, now, share, np.concatenate([of, moving]), places, radii, guesses)
         self._last = now
         return best
 
@@ -84,11 +83,14 @@ class Flow:
         self, best: Moves, now: dict[int, Picture], share: int, of: NDArray[np.int64], places: Array, radii: Array,
         guesses: Array,
     ) -> None:  # fmt: skip
-        """Puts in what is better than the moves that are known, by pictures of a share of the size."""
+        """Puts in what is better than the moves that are known, by pictures of a share of the size.
+
+        Markers (K,) may have moved as is guessed (K, 2); one of which two things are guessed is there twice.
+        """
         shift = (share - 1) / 2  # between the centers of the pixels
         window = WINDOWS[int(np.searchsorted(WINDOWS[:-1], 2 * radii[of].max() / share))]
         points = ((places[of, None] + radii[of, None, None] * self._disc - shift) / share).astype(np.float32)
-        guess = (guesses[of, None] / share).astype(np.float32)
+        guess = (guesses[:, None] / share).astype(np.float32)
         first, second = self._last[share], now[share]
         there, seen = _flow(first, second, points, points + guess, window)
         back, again = _flow(second, first, there, there - guess, window)
@@ -116,12 +118,22 @@ def _smaller(picture: Picture, share: int) -> Picture:
 def _flow(
     first: Picture, second: Picture, points: NDArray[np.float32], guesses: NDArray[np.float32], window: int
 ) -> tuple[NDArray[np.float32], Mask]:
-    """Where points (K, N, 2) of the first picture are in the second, and which of them were found (K, N)."""
+    """Where points (K, N, 2) of the first picture are in the second, and which of them were found (K, N).
+
+    Only the part of both that they are in is compared, with as much around it as the coarsest level sees.
+    """
+    pixel, size = 2**LEVELS, np.array(first.shape[::-1])  # of the coarsest level
+    both = np.concatenate([points, guesses]).reshape(-1, 2)
+    low = ((both.min(axis=0) - 2 * window * pixel).clip(0, size - 1) // pixel * pixel).astype(np.int64)
+    high = (both.max(axis=0) + 2 * window * pixel).clip(low + 1, size).astype(np.int64)
+    part, corner = np.s_[low[1] : high[1], low[0] : high[0]], low.astype(np.float32)
     found, status, _ = cv2.calcOpticalFlowPyrLK(
-        first, second, points.reshape(-1, 1, 2), guesses.reshape(-1, 1, 2), winSize=(window, window), maxLevel=LEVELS,
-        criteria=(cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, ROUNDS, CLOSE), flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
+        first[part], second[part], (points - corner).reshape(-1, 1, 2), (guesses - corner).reshape(-1, 1, 2),
+        winSize=(window, window), maxLevel=LEVELS, flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
+        criteria=(cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, ROUNDS, CLOSE),
     )  # fmt: skip
-    return np.asarray(found, dtype=np.float32).reshape(points.shape), status.reshape(points.shape[:2]) > 0
+    there = np.asarray(found, dtype=np.float32).reshape(points.shape) + corner
+    return there, status.reshape(points.shape[:2]) > 0
 
 
 def _median_move(before: Array, after: Array, place: Array) -> tuple[Array, float, float]:

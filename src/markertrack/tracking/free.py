@@ -1,9 +1,9 @@
-"""Tracks markers that nothing connects: dots on a person or a balloon, balls, pucks, lamps, one on a pendulum.
+"""Tracks markers each by itself: dots on a person or a balloon, balls, pucks, lamps, those along a swimmer.
 
 Each is carried on by the flow of its points (`flow`), and put right by a second opinion: a spot that looks like it
 (`looks`), a spot of whatever color it has now, or its picture, where its colors are (`colors`) and nowhere else near.
 Flow alone is doubtful, so is one that was lost and found again, until it was seen where it was expected from one frame
-to the next.
+to the next. What connects the markers of a swimmer (`chain`) is one more opinion.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
+from markertrack.tracking.chain import Chain
 from markertrack.tracking.colors import OwnColors
 from markertrack.tracking.flow import Flow, Moves
 from markertrack.tracking.looks import LIKE, NEARBY, Looks, squares
@@ -30,6 +31,9 @@ CLEAR = 0.65  # likeness of a spot, below which it is measured anew in its color
 REPEATED = 0.02  # px that nothing moves by in a picture that repeats the last one
 SAME, SURELY = 0.75, 0.85  # correlation with its picture where it was carried to, and elsewhere
 RATIO = 0.5  # of the distance to another marker or spot that may be meant as well
+HALF = 4 / (3 * np.pi)  # radii from the edge of a picture at which the center of half a marker is
+NEVER = 1e3  # cost of what a marker can't be
+MARGIN = 0.5  # of the costs of `Chain.fit`, above which a marker is rather that spot than not
 AHEAD = 0.5  # of its step by which a marker may be beside where it is expected
 SLOWER = 0.9  # of the speed, and of the largest one, that is left in each frame in which it isn't seen
 
@@ -42,15 +46,21 @@ class FreeTracker:
         reasons: In how many frames each marker was lost or doubtful, by the reason. Shapes (M,).
         colors: Theirs, as they were when they were last seen without a doubt.
         looks: Those of markers that are in doubt, likewise, by their index.
+        chain: Whether they stand in a row along a flexible body, in their order.
     """
 
-    def __init__(self, most_far: float = np.inf) -> None:
-        """Takes how many radii from where it is expected one that is lost is looked for at most."""
-        self._most_far = most_far
+    def __init__(self, most_far: float = np.inf, chain: bool = False) -> None:
+        """Takes what is known.
+
+        Args:
+            most_far: Radii from where it is expected within which one that is lost is looked for.
+            chain: See above.
+        """
+        self._most_far, self.chain = most_far, chain
 
     def start(self, image: Image, points: Array, time: float) -> tuple[Array, Array]:
         """Learns what the markers look like."""
-        looks = Looks(image, points)
+        looks = Looks(image, points, equal=self.chain)
         self.take_over(image, looks, looks.points, np.ones(len(points), dtype=bool), time)
         return looks.points.copy(), np.ones(len(points))
 
@@ -75,6 +85,7 @@ class FreeTracker:
         self._agreed = np.where(certain, AGAIN, 0)  # frames in which it was seen, one after the other
         self._drifted = np.zeros((count, 2))  # by which the pictures taken on the way are beside the first one [px]
         self._time = time
+        self._chain = Chain(places, self.chain)
         self.looks = {m: looks.of(np.array([m])) for m in np.flatnonzero(~certain).tolist()}
         self.reasons = {reason: np.zeros(count, dtype=np.int64) for reason in REASONS}
 
@@ -96,11 +107,14 @@ class FreeTracker:
         there = self._places + moves.steps
         carried &= inside(there, image) & ~self._stayed(image, there, carried)
         carried &= ~self._lost | (self._agreed > 0)  # from where it isn't, flow leads nowhere
-        expected = np.where(carried[:, None], there, self._places + self._steps)
+        carried &= ~self._chain.strained(np.where(carried[:, None], there, np.nan))
+        expected = self._chain.filled(np.where(carried[:, None], there, np.nan), self._places + self._steps)
         self._looks.grow(np.where(carried, moves.growths, 1.0))
         found = self._spots(image, expected, carried, moves)
         positions, confidence = self._seen(image, expected, carried, found)
-        lost = self._doubles(positions, confidence)
+        lost = self._doubles(positions, confidence) | ~inside(positions, image, HALF * self.radii)
+        strained = self._chain.strained(np.where(lost[:, None], np.nan, positions))
+        carried, lost = carried & ~strained, lost | strained
         positions[lost], confidence[lost], found.chosen[lost] = np.nan, 0.0, -1
         self._agreed = np.where(confidence > DOUBT, self._agreed + 1, 0)
         sure = self._agreed >= AGAIN
@@ -111,13 +125,18 @@ class FreeTracker:
         self._rivals |= elsewhere[:, None] & found.rivals
         settled = sure & ~self._jumped & ~self._rivals.any(axis=1)
         sure &= ~self._jumped & ~(self._rivals & ~settled).any(axis=1)
+        sure |= (self._agreed >= AGAIN) & self._chain.vouched(positions, self._doubtful == 0)
         self._count(positions, sure, found.alone)
         self._take(positions, confidence > DOUBT, sure, moves, carried, np.array(image.shape[1::-1]) - 1)
         for marker in np.flatnonzero(self._doubtful == 1).tolist():  # before they change by looking for it
             self.looks[marker] = self._looks.of(np.array([marker]))
         certain = np.flatnonzero(sure & (found.chosen >= 0))
         self._looks.learn(image, found.spots, certain, found.chosen[certain], np.zeros((len(certain), 2)))
+        if self.chain:
+            self._looks.grow_together()
         self.radii = self._looks.radii
+        step = float(np.median(np.hypot(*self._steps.T)))
+        self._chain.learn(np.where(sure[:, None], positions, np.nan), float(np.median(self.radii)), step)
         for marker in certain.tolist():
             self.colors.learn(image, marker, positions[marker], self.radii[marker])
         return positions, np.where(sure, confidence, np.minimum(confidence, DOUBT))
@@ -143,7 +162,7 @@ class FreeTracker:
         speed = np.maximum(self._fastest, np.hypot(*self._steps.T))
         far = FAR * self.radii + np.maximum(speed, self.radii) * (1 + self._doubtful)
         far = np.minimum(far, self._most_far * self.radii + speed)
-        reach = np.where(carried, NEAR[0] * self.radii + NEAR[1], far)
+        reach = np.where(carried, NEAR[0] * self.radii + NEAR[1], self._chain.reaches(far, carried))
         spots, of = self._measured(image, expected, squares(expected, reach + 0.5 * self.radii), carried)
         chosen, alone = np.full(len(expected), -1), np.ones(len(expected), dtype=bool)
         more, rivals = ~alone, np.zeros((len(expected), len(expected)), dtype=bool)
@@ -151,24 +170,30 @@ class FreeTracker:
             return _Found(spots, chosen, np.zeros(len(expected)), alone, more, rivals, reach)
         like = self._looks.likeness(spots, self._places, np.hypot(*moves.steps.T))
         away = np.linalg.norm(spots.centers - expected[:, None], axis=2)
-        possible = (like > LIKE) & (away < reach[:, None]) & (of == np.arange(len(expected))[:, None])
-        cost = np.where(possible, away / reach[:, None] + 1 - like, 1e3)
+        own = of == np.arange(len(expected))[:, None]
+        possible = (like > LIKE) & (away < reach[:, None]) & (own | self.chain)  # what one of a chain sees, all see
         apart = np.linalg.norm(spots.centers[:, None] - spots.centers, axis=2) > self.radii[of] / 2
-        first = apart.argmin(axis=1)  # of those that are the same one, as another marker sees it
-        shared = np.array([np.where(first == one, cost, 1e3).min(axis=1) for one in range(len(spots))]).T
-        rows, columns = linear_sum_assignment(shared)
-        for marker, one in zip(rows, columns, strict=True):
-            if shared[marker, one] < 1e3:
-                chosen[marker] = np.where(first == one, cost[marker], 1e3).argmin()
+        things, thing_of = np.unique(apart.argmin(axis=1), return_inverse=True)  # several markers may see the same
+        cost = np.where(possible, away / reach[:, None] + 1 - like, NEVER)
+        thing, margins = _assigned(_least(cost, thing_of)), np.zeros(len(expected))
+        if linked := self.chain and not carried.all():
+            off = (2 * away / reach[:, None]) ** 2 if carried.any() else 0.0  # else nobody knows where the chain is
+            costs = _least(np.where(possible, off + 1 - like, NEVER), thing_of)
+            known = carried & (thing >= 0) & (self._doubtful == 0)
+            costs[known[:, None] & (np.arange(len(things)) != thing[:, None])] = NEVER
+            thing, margins = self._chain.fit(costs, spots.centers[things])
+        chosen = np.where(thing >= 0, np.where(thing_of == thing[:, None], cost, np.inf).argmin(axis=1), -1)
         for marker in np.flatnonzero(chosen >= 0):
             spot, off = chosen[marker], away[marker, chosen[marker]]
-            same = np.linalg.norm(spots.centers - spots.centers[spot], axis=1) < self.radii[marker]
+            here = np.linalg.norm(spots.centers - spots.centers[spot], axis=1) < self.radii[marker]
             taken = np.linalg.norm(spots.centers[:, None] - spots.centers[chosen[chosen >= 0]], axis=2)
             free = possible[marker] & (taken.min(axis=1) > self.radii[marker])
-            rivals[marker] = (possible & same).any(axis=1) & ~carried & (np.arange(len(away)) != marker)
+            rivals[marker] = (possible & here).any(axis=1) & ~carried & (np.arange(len(away)) != marker)
             others = np.concatenate([away[marker, free], away[rivals[marker]][:, spot]])
             alone[marker], more[marker] = off < RATIO * others.min(initial=np.inf), free.any()
         chosen[carried & ~alone] = -1
+        if linked:
+            alone, more[~carried], rivals[~carried] = np.where(carried, alone, margins > MARGIN), False, False
         like = np.where(chosen >= 0, like[np.arange(len(like)), chosen], 0.0)
         return _Found(spots, chosen, like, alone, more, rivals, reach)
 
@@ -196,7 +221,8 @@ class FreeTracker:
         chosen = found.chosen
         for m in range(len(expected)):
             place = found.spots.centers[chosen[m]] if chosen[m] >= 0 else expected[m]
-            if carried[m] and not self._lost[m] and found.like[m] < CLEAR:
+            told = self.chain and bool(self._looks.plain[m])  # by color and by the others: better than by its picture
+            if carried[m] and not self._lost[m] and found.like[m] < CLEAR and not told:
                 again = self._looks.pick_again(image, m, expected[m])
                 if again is not None:
                     positions[m], confidence[m], chosen[m] = again, RIGHT, -1
@@ -204,10 +230,12 @@ class FreeTracker:
             if carried[m] and chosen[m] >= 0:
                 positions[m], confidence[m], self._drifted[m] = place, CERTAIN, 0.0
                 continue
+            near = np.hypot(*(place - expected[m])) < NEAR[0] * self.radii[m] + NEAR[1]
+            whole = near or found.like[m] > CLEAR  # and not a part of one that is blurred
             nearby = min(found.reach[m], NEARBY * self.radii[m] + np.hypot(*self._steps[m]))
             reach = NEAR[0] * self.radii[m] + 1 if carried[m] else 1.5 if chosen[m] >= 0 else nearby
             peak, score, only = self._picture(image, m, place, reach)
-            own = carried[m] and not self._lost[m] and score > SAME
+            own = carried[m] and not self._lost[m] and score > SAME and not told
             own = own and not contradict(peak - self._drifted[m], place, self.radii[m])
             if own and self.colors.are_at(image, m, place, self.radii[m]):
                 positions[m], confidence[m] = peak if self.radii[m] < SMALL else place, RIGHT
@@ -215,10 +243,9 @@ class FreeTracker:
                     self._looks.learn_picture(image, m, place)
                     self._drifted[m] += place - peak
             elif chosen[m] >= 0:
-                near = np.hypot(*(place - expected[m])) < NEAR[0] * self.radii[m] + NEAR[1]
-                whole = near or found.like[m] > CLEAR  # and not a part of one that is blurred
-                positions[m], confidence[m] = place, LIKELY if score > SAME and found.alone[m] and whole else DOUBT
-            elif score > SURELY:
+                known = (whole and score > SAME) or (near and told)
+                positions[m], confidence[m] = place, LIKELY if known and found.alone[m] else DOUBT
+            elif score > SURELY and not told:
                 again = self._looks.pick_again(image, m, peak) if only else None
                 positions[m], confidence[m] = (peak, DOUBT) if again is None else (again, LIKELY)
             elif carried[m]:
@@ -260,6 +287,19 @@ class FreeTracker:
         self._jumped, self._rivals = self._jumped & ~known, self._rivals & ~known[:, None]
         fastest = np.maximum(SLOWER * self._fastest, np.hypot(*self._steps.T))
         self._fastest = np.where(known, fastest, self._fastest)
+
+
+def _least(costs: Array, thing_of: NDArray[np.int64]) -> Array:
+    """Least costs of things, of which each spot is one. Shapes (M, P), (P,), (M, K)."""
+    return np.array([costs[:, thing_of == one].min(axis=1) for one in range(thing_of.max() + 1)]).T
+
+
+def _assigned(costs: Array) -> NDArray[np.int64]:
+    """The thing that each marker is at least cost in all, -1 for none. Shapes (M, K), (M,)."""
+    out = np.full(len(costs), -1)
+    rows, columns = linear_sum_assignment(costs)
+    out[rows] = np.where(costs[rows, columns] < NEVER, columns, -1)
+    return out
 
 
 class _Found(NamedTuple):

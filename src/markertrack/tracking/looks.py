@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from markertrack.tracking.appearance import LEAST_DETAIL, own_radii
 from markertrack.tracking.labeling import find_blobs
 from markertrack.tracking.patches import Patches
+from markertrack.tracking.radii import LEAST_DETAIL, own_radii
 from markertrack.tracking.spots import SHARP, SpotFinder, Spots, streak_lengths
 from markertrack.tracking.tags import dictionary_at
 from markertrack.tracking.tracker import Array, Image, Mask, check_points, contradict
@@ -48,12 +48,13 @@ class Looks:
         plain: Whether each is told by its color. Shape (M,).
     """
 
-    def __init__(self, image: Image, points: Array) -> None:
+    def __init__(self, image: Image, points: Array, equal: bool = False) -> None:
         """Learns from the first frame.
 
         Args:
             image: RGB. Shape (H, W, 3).
             points: Near the markers' centers [px]. Shape (M, 2).
+            equal: Whether those that are alike are equally large.
 
         Raises:
             TrackingError: A point isn't in the frame; there are tags, or spots beside the points; or a picture of what
@@ -73,12 +74,16 @@ class Looks:
             own = own.where(touching, theirs)
             self.points = np.where(self.plain[:, None], own.centers, points)
             radii = np.where(self.plain, np.sqrt(own.areas / np.pi), edges)
+            like = finder.coverage.alike() & self.plain
+            for marker in np.flatnonzero((~self.plain | equal) & like.any(axis=1)):  # it probably is as large as those
+                radii[marker] = np.median(radii[like[marker]])
         self._finder = SpotFinder(image, self.points, radii)
         if not self.plain.all():
             _check_the_rest(image, self.points, radii, ~self.plain)
             radii[~self.plain] = np.median(radii[self.plain]) if self.plain.any() else PICTURE_RADIUS
             self._finder.radii, self._finder.kinds[~self.plain] = radii, -1
         self._areas = np.pi * radii**2
+        self._first = self._areas.copy()
         disc = np.column_stack([radii**2 / 4, np.zeros(len(points)), radii**2 / 4])
         self._moments = np.where(self.plain[:, None], own.moments, disc)
         self._patches = Patches(image, self.points, radii, _contrasts(image, self.points, radii, self.plain))
@@ -87,7 +92,7 @@ class Looks:
         """The looks of some of the markers, which are followed apart from the others from now on."""
         some = copy(self)
         some.points, some.plain = self.points[markers], self.plain[markers]
-        some._areas, some._moments = self._areas[markers], self._moments[markers]
+        some._areas, some._moments, some._first = self._areas[markers], self._moments[markers], self._first[markers]
         some._finder, some._patches = self._finder.of(markers), self._patches.of(markers)
         return some
 
@@ -150,6 +155,11 @@ class Looks:
         self._patches.grow(factors)
         self._moments = self._moments * (factors**2)[:, None]
         self._resize()
+
+    def grow_together(self) -> None:
+        """Has all markers grown since the first frame by as much as most have."""
+        shares = self._areas / self._first
+        self.grow(np.sqrt(np.median(shares) / shares))
 
     def pick_again(self, image: Image, marker: int, place: Array) -> Array | None:
         """The center (2,) of the spot of about a marker's size at a place (2,), whatever its color is now.

@@ -78,6 +78,7 @@ def contradict(first: Array, second: Array, radii: Array | float) -> Mask:
     return np.asarray(np.linalg.norm(first - second, axis=-1) > np.maximum(AGREE[0] * np.asarray(radii), AGREE[1]))
 
 
-def inside(places: Array, image: Image) -> Mask:
+def inside(places: Array, image: Image, margin: Array | float = 0.0) -> Mask:
     """Whether places are in a picture. Shapes (..., 2), (...)."""
-    return np.asarray(((places >= 0) & (places <= np.array(image.shape[1::-1]) - 1)).all(axis=-1))
+    edge = np.asarray(margin)[..., None]
+    return np.asarray(((places >= edge) & (places <= np.array(image.shape[1::-1]) - 1 - edge)).all(axis=-1))
