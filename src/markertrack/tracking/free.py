@@ -46,21 +46,21 @@ class FreeTracker:
         reasons: In how many frames each marker was lost or doubtful, by the reason. Shapes (M,).
         colors: Theirs, as they were when they were last seen without a doubt.
         looks: Those of markers that are in doubt, likewise, by their index.
-        chain: Whether they stand in a row along a flexible body, in their order.
+        chained: Whether they stand in a row along a flexible body, in their order.
     """
 
-    def __init__(self, most_far: float = np.inf, chain: bool = False) -> None:
+    def __init__(self, most_far: float = np.inf, chained: bool = False) -> None:
         """Takes what is known.
 
         Args:
             most_far: Radii from where it is expected within which one that is lost is looked for.
-            chain: See above.
+            chained: See above.
         """
-        self._most_far, self.chain = most_far, chain
+        self._most_far, self.chained = most_far, chained
 
     def start(self, image: Image, points: Array, time: float) -> tuple[Array, Array]:
         """Learns what the markers look like."""
-        looks = Looks(image, points, equal=self.chain)
+        looks = Looks(image, points, equal=self.chained)
         self.take_over(image, looks, looks.points, np.ones(len(points), dtype=bool), time)
         return looks.points.copy(), np.ones(len(points))
 
@@ -85,7 +85,7 @@ class FreeTracker:
         self._agreed = np.where(certain, AGAIN, 0)  # frames in which it was seen, one after the other
         self._drifted = np.zeros((count, 2))  # by which the pictures taken on the way are beside the first one [px]
         self._time = time
-        self._chain = Chain(places, self.chain)
+        self._chain = Chain(places, self.chained)
         self.looks = {m: looks.of(np.array([m])) for m in np.flatnonzero(~certain).tolist()}
         self.reasons = {reason: np.zeros(count, dtype=np.int64) for reason in REASONS}
 
@@ -132,7 +132,7 @@ class FreeTracker:
             self.looks[marker] = self._looks.of(np.array([marker]))
         certain = np.flatnonzero(sure & (found.chosen >= 0))
         self._looks.learn(image, found.spots, certain, found.chosen[certain], np.zeros((len(certain), 2)))
-        if self.chain:
+        if self.chained:
             self._looks.grow_together()
         self.radii = self._looks.radii
         step = float(np.median(np.hypot(*self._steps.T)))
@@ -171,12 +171,12 @@ class FreeTracker:
         like = self._looks.likeness(spots, self._places, np.hypot(*moves.steps.T))
         away = np.linalg.norm(spots.centers - expected[:, None], axis=2)
         own = of == np.arange(len(expected))[:, None]
-        possible = (like > LIKE) & (away < reach[:, None]) & (own | self.chain)  # what one of a chain sees, all see
+        possible = (like > LIKE) & (away < reach[:, None]) & (own | self.chained)  # what one of a chain sees, all see
         apart = np.linalg.norm(spots.centers[:, None] - spots.centers, axis=2) > self.radii[of] / 2
         things, thing_of = np.unique(apart.argmin(axis=1), return_inverse=True)  # several markers may see the same
         cost = np.where(possible, away / reach[:, None] + 1 - like, NEVER)
         thing, margins = _assigned(_least(cost, thing_of)), np.zeros(len(expected))
-        if linked := self.chain and not carried.all():
+        if linked := self.chained and not carried.all():
             off = (2 * away / reach[:, None]) ** 2 if carried.any() else 0.0  # else nobody knows where the chain is
             costs = _least(np.where(possible, off + 1 - like, NEVER), thing_of)
             known = carried & (thing >= 0) & (self._doubtful == 0)
@@ -221,7 +221,7 @@ class FreeTracker:
         chosen = found.chosen
         for m in range(len(expected)):
             place = found.spots.centers[chosen[m]] if chosen[m] >= 0 else expected[m]
-            told = self.chain and bool(self._looks.plain[m])  # by color and by the others: better than by its picture
+            told = self.chained and bool(self._looks.plain[m])  # by color and by the others: better than by its picture
             if carried[m] and not self._lost[m] and found.like[m] < CLEAR and not told:
                 again = self._looks.pick_again(image, m, expected[m])
                 if again is not None:

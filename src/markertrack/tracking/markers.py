@@ -39,7 +39,7 @@ class MarkerTracker:
         numbers = np.asarray(bodies)
         alone = np.array([chain or np.count_nonzero(numbers == number) == 1 for number in numbers])
         self._bodies, self._rigid = BodyTracker(numbers[~alone].tolist(), fixed), np.flatnonzero(~alone)
-        parts = (self._bodies, self._rigid), (FreeTracker(chain=chain), np.flatnonzero(alone))
+        parts = (self._bodies, self._rigid), (FreeTracker(chained=chain), np.flatnonzero(alone))
         self._parts = [(tracker, of) for tracker, of in parts if len(of)]  # each with the markers that it follows
         self._count = len(numbers)
         self._doubted: dict[int, _Flowed] = {}  # bodies that aren't believed, by their first marker
@@ -63,7 +63,7 @@ class MarkerTracker:
     def free(self, marker: int) -> tuple[FreeTracker, int] | None:
         """What follows a marker that nothing connects with others, and its number there."""
         for tracker, of in reversed(self._parts):  # those that a soft body was left to come last
-            if isinstance(tracker, FreeTracker) and not tracker.chain and marker in of:
+            if isinstance(tracker, FreeTracker) and not tracker.chained and marker in of:
                 return tracker, of.tolist().index(marker)
         return None
 
