@@ -70,6 +70,12 @@ class Chain:
         way = np.abs(along[:, None] - along[known]).min(axis=1)
         return np.minimum(far + LINK_SHARE * way, 2 * way + self.slack)
 
+    def closest(self, radii: Array) -> Array:
+        """How near two markers are at one place: a mean radius, or half of their usual distance [px]. Shape (M, M)."""
+        out, (a, b) = (radii[:, None] + radii) / 2, self._pairs.T
+        out[a, b] = out[b, a] = np.minimum(out[a, b], self._lengths / 2)
+        return out
+
     def fit(self, costs: Array, spots: Array) -> tuple[NDArray[np.int64], Array]:
         """Gives the markers spots in the order of the body, so that few are left out and lengths are strained little.
 

@@ -265,7 +265,7 @@ class FreeTracker:
     def _doubles(self, positions: Array, confidence: Array) -> Mask:
         """Markers at another's place, which is certain, or was later; of two equal ones, both."""
         confidence = confidence + 1 / (1 + self._doubtful)
-        near = np.linalg.norm(positions[:, None] - positions, axis=2) < (self.radii[:, None] + self.radii) / 2
+        near = np.linalg.norm(positions[:, None] - positions, axis=2) < self._chain.closest(self.radii)
         np.fill_diagonal(near, False)
         return (near & (confidence[:, None] <= confidence)).any(axis=1)
 
