@@ -94,16 +94,12 @@ class Chain:
         forth, came = _ways(costs, strains, order)
         back, _ = _ways(costs, strains, order[::-1])
         total = forth + back - costs
-        chosen = np.full(self._count, -1)
-        best = float(total.min(initial=np.inf))
-        if best >= self._count:
-            return chosen, np.zeros(self._count)
         ends = forth + np.arange(self._count - 1, -1, -1)[:, None]
         m, p = (int(i) for i in np.unravel_index(int(np.argmin(ends)), ends.shape))
-        while m >= 0:
+        chosen, margins, best = np.full(self._count, -1), np.zeros(self._count), float(ends[m, p])
+        while m >= 0 and best < self._count:
             chosen[m] = p
             m, p = (int(i) for i in came[m, p])
-        margins = np.zeros(self._count)
         for m in np.flatnonzero(chosen >= 0):
             others = np.concatenate([np.delete(total[m], chosen[m]), np.delete(total[:, chosen[m]], m)])
             margins[m] = others.min(initial=np.inf) - best
