@@ -109,13 +109,12 @@ def _found_again(
     stretches = known_stretches(positions, confidence)
     stretches += [one for one in past.values() if one.last < 0]
     known = np.where((confidence >= DOUBTFUL)[..., None], positions, np.nan)
-    free = {m: tracker.free(m) for m in np.flatnonzero((confidence < DOUBTFUL).sum(axis=0) > 1).tolist()}
-    free = {m: one for m, one in free.items() if one is not None and m in {one.marker for one in stretches}}
-    if not free:
+    lost = set(np.flatnonzero((confidence < DOUBTFUL).sum(axis=0) > 1).tolist()) & {one.marker for one in stretches}
+    looks = {m: tracker.looks[m] for m in sorted(lost & tracker.looks.keys())}
+    if not looks:
         return positions, confidence
     things = {
-        m: Things(one.colors, one.looks[number].of(np.array([0])), number, float(tracker.radii[m]))
-        for m, (one, number) in free.items()
+        m: Things(tracker.colors, look.of(np.array([0])), m, float(tracker.radii[m])) for m, look in looks.items()
     }
     room = 0.0
     for k, frame in enumerate(frames):
@@ -136,7 +135,7 @@ def _found_again(
         for first, end in runs(confidence[:, m] < DOUBTFUL).tolist():
             if any(first <= k < end for k in places):
                 beside = {k: positions[k, m] for k in (first - 1, end) if 0 <= k < len(frames)}
-                gaps.append(Gap(m, first, end - 1, beside, seen=places, looks=free[m][0].looks[free[m][1]]))
+                gaps.append(Gap(m, first, end - 1, beside, seen=places, looks=looks[m]))
     follow_gaps(gaps, enumerate(frames), ahead=True)
     follow_gaps(gaps, reversed(list(enumerate(frames))), ahead=False)
     track = corrected(MarkerTrack([frame.time for frame in frames], positions, confidence), gaps)

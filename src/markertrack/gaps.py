@@ -14,8 +14,8 @@ from itertools import pairwise
 import numpy as np
 
 from markertrack.quality import DOUBTFUL, runs
-from markertrack.tracking.free import RIGHT, SAME, FreeTracker
 from markertrack.tracking.looks import Looks
+from markertrack.tracking.markers import RIGHT, SAME, MarkerTracker
 from markertrack.tracking.tracker import DOUBT, Array, Image, Mask, contradict
 from markertrack.video import Frame
 from swimbase.errors import TrackingError
@@ -98,7 +98,7 @@ class _Way:
         count = gap.end - gap.begin + 1
         self.places, self.sure, self.radius = np.full((count, 2), np.nan), np.zeros(count), 0.0
         self._gap = gap
-        self._tracker: FreeTracker | None = None
+        self._tracker: MarkerTracker | None = None
 
     def see(self, image: Image, frame: int, clock: float) -> None:
         """Takes the next picture of the gap on the way, its number in the track, and a time that grows."""
@@ -113,18 +113,19 @@ class _Way:
         elif frame in gap.known:
             self._tracker = self._begun(image, gap.known[frame], clock)
         elif frame in gap.seen and self.sure[at] < DOUBTFUL and gap.looks is not None:
-            looks, one = gap.looks.of(np.array([0])), np.array([0])
-            like = looks.find_pictures(image, one, gap.seen[frame][None], looks.radii)
-            if len(like) and like.fills.max() > SAME:
-                self.places[at], self.sure[at] = like.centers[like.fills.argmax()], RIGHT
+            looks = gap.looks.of(np.array([0]))
+            found = looks.find_pictures(image, 0, gap.seen[frame], float(looks.radii[0]))
+            best = max(found, key=lambda peak: peak.score, default=None)
+            if best is not None and best.score > SAME:
+                self.places[at], self.sure[at] = (best.x, best.y), RIGHT
                 self._tracker = self._begun(image, self.places[at], clock)
 
-    def _begun(self, image: Image, place: Array, clock: float) -> FreeTracker | None:
+    def _begun(self, image: Image, place: Array, clock: float) -> MarkerTracker | None:
         """A tracker that begins with the marker at a place (2,); None if nothing can be made out there."""
-        tracker = FreeTracker()
+        tracker = MarkerTracker([0])
         if self._gap.looks is not None:
             looks = self._gap.looks.of(np.array([0]))
-            tracker.take_over(image, looks, place[None], np.ones(1, dtype=bool), clock)
+            tracker.take_over(image, looks, place[None], clock)
             return tracker
         try:
             tracker.start(image, place[None], clock)
@@ -166,7 +167,8 @@ def joined(forth: tuple[Array, Array], back: tuple[Array, Array], radii: Array) 
                 confirmed[first + 1 : end - 1] = True  # not where it is lost next: no other place confirms that one
         fill = kept & ~known & confirmed
         positions[fill, m], confidence[fill, m] = back[0][fill, m], back[1][fill, m]
-        confidence[~known & ~fill, m] = np.minimum(confidence[~known & ~fill, m], DOUBT)
+        unknown = ~known & ~fill | known & kept & other  # or they contradict one another
+        confidence[unknown, m] = np.minimum(confidence[unknown, m], DOUBT)
         filled[:, m] = fill
     for k in np.flatnonzero(filled.any(axis=1)):  # one thing is one marker: that which both ways, or one, knew there
         near = np.linalg.norm(positions[k, :, None] - positions[k], axis=2) < np.minimum(radii[:, None], radii)

@@ -22,8 +22,8 @@ from scipy.sparse.csgraph import connected_components
 from markertrack.quality import DOUBTFUL, runs
 from markertrack.tracking.colors import EVEN, OwnColors
 from markertrack.tracking.flow import STILL, Flow
-from markertrack.tracking.free import MOST_OFF
 from markertrack.tracking.looks import LIKE, Looks
+from markertrack.tracking.markers import MOST_OFF
 from markertrack.tracking.tracker import AGREE, Array, Image, Mask, contradict
 
 SEVERAL = 2  # frames in which a thing must be seen: else nobody knows where it goes

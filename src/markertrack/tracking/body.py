@@ -12,7 +12,6 @@ from markertrack.tracking.tracker import Array
 STIFF = 0.1  # rad by which a body may turn in a frame without notice
 FORGET = 0.7  # of a surprise, in each frame
 AGAIN_FRAMES = 3  # that a body must be followed for after it was lost
-GIVING = 0.75  # quantile of the markers' ways from their places that tells that a body isn't rigid
 _BEND = 0.9  # of the last change of velocity that is expected again
 _FADE = 0.5  # of the velocity that is left in each frame in which a body isn't seen
 
@@ -29,7 +28,7 @@ class Body:
 
     def __init__(self, markers: NDArray[np.int64], fixed: bool, places: Array, time: float) -> None:
         self.markers, self.fixed = markers, fixed
-        self.shape, self._first_shape = places.copy(), places.copy()
+        self.shape = places.copy()
         self.pairs = pairs_of(places)
         self.doubt = 0.0
         self.swing = 0.0  # how far it may have turned while nobody knows how [rad]
@@ -44,12 +43,6 @@ class Body:
         if len(self.history) < 2:
             return 0.0
         return distance(self.history[-1][1], self.history[-2][1])
-
-    @property
-    def changed(self) -> float:
-        """By how much its shape differs from the first one, however tilted, for a quarter of its markers [px]."""
-        tilted = affine_fit(self._first_shape, self.shape, 0.0)
-        return float(np.quantile(np.linalg.norm(self.shape - tilted, axis=1), GIVING))
 
     @property
     def bend(self) -> float:

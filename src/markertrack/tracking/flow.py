@@ -61,18 +61,19 @@ class Flow:
 
         Args:
             image: RGB. Shape (H, W, 3).
-            places: Where the markers were in the last one [px]. Shape (M, 2).
+            places: Where the markers were in the last one, NaN for those that aren't followed [px]. Shape (M, 2).
             radii: Their radii [px]. Shape (M,).
             steps: How they may have moved; standing still is tried as well [px]. Shape (M, 2).
         """
         now = {1: _gray(image)}
         best = Moves(np.zeros_like(places), np.ones(len(places)), np.full(len(places), np.inf))
         shares = 2 ** np.maximum(np.ceil(np.log2(radii / DETAIL)), 0).astype(np.int64)
-        for share in np.unique(shares).tolist():
+        asked = np.isfinite(places[:, 0])
+        for share in np.unique(shares[asked]).tolist():
             for pictures in (self._last, now):
                 if share not in pictures:
                     pictures[share] = _smaller(pictures[1], share)
-            of = np.flatnonzero(shares == share)
+            of = np.flatnonzero((shares == share) & asked)
             moving = of[np.hypot(*steps[of].T) > STILL]
             guesses = np.concatenate([np.zeros((len(of), 2)), steps[moving]])
             self._improve(best, now, share, np.concatenate([of, moving]), places, radii, guesses)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markertrack.tracking.labeling import find_blobs
-from markertrack.tracking.patches import Patches
+from markertrack.tracking.patches import Patches, Peak
 from markertrack.tracking.radii import LEAST_DETAIL, own_radii
 from markertrack.tracking.spots import SHARP, SpotFinder, Spots, streak_lengths
 from markertrack.tracking.tags import dictionary_at
@@ -96,14 +96,6 @@ class Looks:
         some._finder, some._patches = self._finder.of(markers), self._patches.of(markers)
         return some
 
-    def take(self, markers: NDArray[np.int64], others: Looks, which: NDArray[np.int64]) -> None:
-        """Takes in how some of the markers (K,) look now, as others know it, of which they are those (K,)."""
-        for marker, other in zip(markers.tolist(), which.tolist(), strict=True):
-            if self.plain[marker] and others.plain[other]:
-                self._areas[marker], self._moments[marker] = others._areas[other], others._moments[other]
-                self._finder.coverage.take(marker, others._finder.coverage.of(np.array([other])))
-        self._resize()
-
     @property
     def radii(self) -> Array:
         """Radius of each marker as it is now [px]. Shape (M,)."""
@@ -131,23 +123,9 @@ class Looks:
         away = np.linalg.norm(spots.centers[:, None] - apart.centers, axis=2)
         return spots.of((away > np.sqrt(apart.areas / np.pi)).all(axis=1)).and_(apart)
 
-    def find_pictures(self, image: Image, markers: NDArray[np.int64], places: Array, reaches: Array) -> Spots:
-        """What looks like some markers' pictures near where they are expected.
-
-        Args:
-            image: RGB. Shape (H, W, 3).
-            markers: Their indices. Shape (K,).
-            places: Where they are expected [px]. Shape (K, 2).
-            reaches: How far away from there they may be [px]. Shape (K,).
-        """
-        rows = [
-            (peak.x, peak.y, peak.score, marker)
-            for marker, place, reach in zip(markers.tolist(), places, reaches.tolist(), strict=True)
-            for peak in self._patches.find(image, marker, place, reach)
-        ]
-        table = np.array(rows).reshape(-1, 4)
-        of = table[:, 3].astype(np.int64)
-        return Spots(table[:, :2], self._areas[of], self._moments[of], table[:, 2], len(self._finder.radii) + of)
+    def find_pictures(self, image: Image, marker: int, place: Array, reach: float) -> list[Peak]:
+        """What looks like a marker's picture near a place (2,), how far away it may be [px]."""
+        return self._patches.find(image, marker, place, reach)
 
     def grow(self, factors: Array) -> None:
         """Takes in by how much the markers have grown. Shape (M,)."""
@@ -156,10 +134,12 @@ class Looks:
         self._moments = self._moments * (factors**2)[:, None]
         self._resize()
 
-    def grow_together(self) -> None:
-        """Has all markers grown since the first frame by as much as most have."""
+    def grow_together(self, markers: NDArray[np.int64]) -> None:
+        """Has some markers (K,) grown since the first frame by as much as most of them have."""
         shares = self._areas / self._first
-        self.grow(np.sqrt(np.median(shares) / shares))
+        factors = np.ones(len(shares))
+        factors[markers] = np.sqrt(np.median(shares[markers]) / shares[markers])
+        self.grow(factors)
 
     def pick_again(self, image: Image, marker: int, place: Array) -> Array | None:
         """The center (2,) of the spot of about a marker's size at a place (2,), whatever its color is now.
@@ -181,17 +161,8 @@ class Looks:
         self._moments[marker] += GROWTH * (own.moments[0] - self._moments[marker])
         return own.centers[0]
 
-    def added(self, spots: Spots, looks: Array, pictures: Spots) -> Spots:
-        """The spots, and what markers' pictures look like where there is no spot that is like the marker (M, P)."""
-        of = pictures.kinds - len(self._areas)
-        near = np.linalg.norm(pictures.centers[:, None] - spots.centers, axis=2) < self.radii[of][:, None]
-        new = ~(near & (looks[of] > LIKE)).any(axis=1)
-        return spots.and_(pictures.of(new))
-
     def likeness(self, spots: Spots, last: Array, steps: Array) -> Array:
         """How much each spot looks like each marker, from 0 to 1, and -1 where it is of another kind.
-
-        Of a marker that is known by its picture now, a spot of its color that is little like it is none.
 
         Args:
             spots: Spots of a picture.
@@ -201,9 +172,8 @@ class Looks:
         Returns:
             Likeness. Shape (M, P).
         """
-        count = len(self._areas)
         if not len(spots):
-            return np.empty((count, 0))
+            return np.empty((len(self._areas), 0))
         sizes = np.abs(np.log2(np.maximum(spots.areas / self._areas[:, None], 1e-3)))
         moved = np.linalg.norm(spots.centers - last[:, None], axis=2)
         explained = MOST_STREAK * np.maximum(moved, steps[:, None]) + self.radii[:, None]
@@ -212,10 +182,7 @@ class Looks:
         looks *= np.exp(-np.maximum(excess, 0.0) / self.radii[:, None])
         narrow = np.maximum(_across(spots.moments) / _across(self._moments)[:, None], 1e-3)
         looks *= np.clip(1.5 + np.log2(np.minimum(narrow, 1.0)), 0.0, 1.0)  # motion doesn't make it narrower
-        looks = np.where(spots.kinds < count, looks, np.maximum(2 * spots.fills - 1, 0.0))
-        pictured = spots.kinds == count + np.arange(count)[:, None]
-        colored = (spots.kinds == self._finder.kinds[:, None]) & ((looks > LIKE) | ~pictured.any(axis=1, keepdims=True))
-        return np.where(pictured | colored, looks, -1.0)
+        return np.where(spots.kinds == self._finder.kinds[:, None], looks, -1.0)
 
     def share(self, spots: Spots, markers: NDArray[np.int64], chosen: NDArray[np.int64]) -> Array:
         """Areas of the markers' spots as shares of what is usual for each. Shape (K,)."""
@@ -224,10 +191,6 @@ class Looks:
     def spread(self, spots: Spots, markers: NDArray[np.int64], chosen: NDArray[np.int64]) -> Array:
         """By how much the markers' second moments exceed their own at rest [px²]. Shape (K, 3)."""
         return spots.moments[chosen] - self._moments[markers]
-
-    def by_picture(self, spots: Spots, chosen: NDArray[np.int64]) -> Mask:
-        """Which spots were found by a marker's picture. Shape (K,)."""
-        return spots.kinds[chosen] >= len(self._areas)
 
     def learn_picture(self, image: Image, marker: int, place: Array) -> None:
         """Takes in the picture of a marker that looks different now, at its place (2,)."""
@@ -245,8 +208,6 @@ class Looks:
             chosen: Index of each one's spot. Shape (K,).
             blur: How far each moved during the exposure [px]. Shape (K, 2).
         """
-        colored = ~self.by_picture(spots, chosen)
-        markers, chosen, blur = markers[colored], chosen[colored], blur[colored]
         positions, ways = np.full_like(self.points, np.nan), np.zeros_like(self.points)
         positions[markers], ways[markers] = spots.centers[chosen], blur
         change = GROWTH * (spots.areas[chosen] / self._areas[markers] - 1)

@@ -1,7 +1,10 @@
-"""Tracks the markers of a robot whose trials are recordings: bodies of several by their shape, single ones by flow.
+"""Tracks markers: dots on robots, arms, plates, skins, persons; balls, pucks, lamps; those along a swimmer.
 
-A marker that its body can't place is followed by flow from where it was. A body that turns out not to keep its shape is
-left to flow from then on.
+What connects some of them tells where they are: rigid bodies (`bodies`) where they fit, in each frame. All others are
+carried on by the flow of their points (`flow`), and put right by a second opinion: a spot that looks like the marker
+(`looks`), a spot of whatever color it has now, or its picture, where its colors are (`colors`) and nowhere else near.
+Flow alone is doubtful, so is one that was lost and found again, until it was seen where it was expected from one frame
+to the next. What connects the markers of a swimmer (`chain`) is one more opinion.
 """
 
 from __future__ import annotations
@@ -11,21 +14,42 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
 
-from markertrack.tracking.bodies import BodyTracker
-from markertrack.tracking.free import CERTAIN, RATIO, FreeTracker
-from markertrack.tracking.looks import NEARBY, Looks
-from markertrack.tracking.tracker import DOUBT, REASONS, Array, Image, Mask, contradict
+from markertrack.tracking.bodies import Bodies, Placed
+from markertrack.tracking.chain import Chain
+from markertrack.tracking.colors import OwnColors
+from markertrack.tracking.flow import Flow, Moves
+from markertrack.tracking.looks import LIKE, NEARBY, Looks, squares
+from markertrack.tracking.spots import Spots
+from markertrack.tracking.tracker import DOUBT, REASONS, Array, Image, Mask, check_order, contradict, inside
 
-FOUND = 0.7  # of the markers of a soft body, up to which it is left
-STREAK = 2.0  # radii that a marker moves in a frame, from which on it may be a streak
+CERTAIN, RIGHT, LIKELY = 1.0, 0.9, 0.8  # confidence by spot, own spot, spot elsewhere
+MOST_OFF = 1.0, 0.1  # px, or radii, by which a marker's points may disagree
+NEAR = 0.6, 2.0  # radii and px from where it was carried within which its spot lies
+FAR = 1.5  # radii within which one is looked for that wasn't carried, besides how it may have moved
+SMALL = 5.0  # px radius, below which a picture tells the place of a marker better than flow does
+AGAIN = 2  # frames that a marker must be seen in one after the other, after it was lost
+CLEAR = 0.65  # likeness of a spot, below which it is measured anew in its colors of now
+REPEATED = 0.02  # px that nothing moves by in a picture that repeats the last one
+SAME, SURELY = 0.75, 0.85  # correlation with its picture where it was carried to, and elsewhere
+RATIO = 0.5  # of the distance to another marker or spot that may be meant as well
+HALF = 4 / (3 * np.pi)  # radii from the edge of a picture at which the center of half a marker is
+NEVER = 1e3  # cost of what a marker can't be
+MARGIN = 0.5  # of the costs of `Chain.fit`, above which a marker is rather that spot than not
+AHEAD = 0.5  # of its step by which a marker may be beside where it is expected
+STREAK = 2.0  # radii that a marker of a body moves in a frame, from which on it may be a streak
+SLOWER = 0.9  # of the speed, and of the largest one, that is left in each frame in which it isn't seen
 
 
 class MarkerTracker:
     """Follows markers on rigid or soft bodies and such that move by themselves. See `tracker.Tracker`.
 
     Attributes:
+        radii: Radius of each marker as it is now [px]. Shape (M,).
         reasons: In how many frames each marker was lost or doubtful, by the reason. Shapes (M,).
+        colors: Theirs, as they were when they were last seen without a doubt.
+        looks: Those of markers that nothing connects and that are or were in doubt, likewise, by their index.
     """
 
     def __init__(self, bodies: Sequence[int], fixed: int | None = None, chain: bool = False) -> None:
@@ -36,169 +60,313 @@ class MarkerTracker:
             fixed: The body that can't move, if any marker is on one.
             chain: Whether the markers stand in a row along a flexible body, in their order; no two are on a rigid one.
         """
-        numbers = np.asarray(bodies)
-        alone = np.array([chain or np.count_nonzero(numbers == number) == 1 for number in numbers])
-        self._bodies, self._rigid = BodyTracker(numbers[~alone].tolist(), fixed), np.flatnonzero(~alone)
-        parts = (self._bodies, self._rigid), (FreeTracker(chained=chain), np.flatnonzero(alone))
-        self._parts = [(tracker, of) for tracker, of in parts if len(of)]  # each with the markers that it follows
-        self._count = len(numbers)
-        self._doubted: dict[int, _Flowed] = {}  # bodies that aren't believed, by their first marker
-
-    @property
-    def reasons(self) -> dict[str, Array]:
-        out = {reason: np.zeros(self._count) for reason in REASONS}
-        for tracker, of in self._parts:
-            for reason, frames in tracker.reasons.items():
-                out[reason][of] = frames
-        return out
-
-    @property
-    def radii(self) -> Array:
-        """Radius of each marker as it is now [px]. Shape (M,)."""
-        out = np.zeros(self._count)
-        for tracker, of in self._parts:
-            out[of] = tracker.radii
-        return out
-
-    def free(self, marker: int) -> tuple[FreeTracker, int] | None:
-        """What follows a marker that nothing connects with others, and its number there."""
-        for tracker, of in reversed(self._parts):  # those that a soft body was left to come last
-            if isinstance(tracker, FreeTracker) and not tracker.chained and marker in of:
-                return tracker, of.tolist().index(marker)
-        return None
+        self._numbers, self._fixed = np.arange(len(bodies)) if chain else np.asarray(bodies), fixed
+        self._chained = chain
 
     def start(self, image: Image, points: Array, time: float) -> tuple[Array, Array]:
         """Learns what the markers look like and how they lie on their bodies."""
-        positions, confidence = points.copy(), np.ones(self._count)
-        for tracker, of in self._parts:
-            positions[of], confidence[of] = tracker.start(image, points[of], time)
-        self._last = _Frame(image, time, positions, confidence, np.zeros_like(positions))
-        return positions, confidence
+        looks = Looks(image, points, equal=self._chained)
+        self.take_over(image, looks, looks.points, time)
+        return looks.points.copy(), np.ones(len(points))
+
+    def take_over(self, image: Image, looks: Looks, places: Array, time: float) -> None:
+        """Follows markers from a frame on in which it is known what they look like.
+
+        Args:
+            image: RGB. Shape (H, W, 3).
+            looks: What they look like.
+            places: Where they are [px]. Shape (M, 2).
+            time: Time stamp [s].
+        """
+        count = len(places)
+        self._looks, self._flow, self.colors = looks, Flow(image), OwnColors(image, places, looks.radii)
+        self._places, self.radii = places.copy(), looks.radii
+        self._steps, self._fastest = np.zeros((count, 2)), np.zeros(count)
+        self._doubtful = np.zeros(count, dtype=np.int64)  # frames since it was certain
+        self._jumped = np.zeros(count, dtype=bool)  # whether it was found elsewhere, as was another like it
+        self._rivals = np.zeros((count, count), dtype=bool)  # others that may have been what was found there
+        self._lost = np.zeros(count, dtype=bool)  # whether flow didn't carry it on since it was certain
+        self._agreed = np.full(count, AGAIN)  # frames in which it was seen, one after the other
+        self._drifted = np.zeros((count, 2))  # by which the pictures taken on the way are beside the first one [px]
+        self._asked, self._flowed = np.zeros((2, count), dtype=bool)  # whether flow followed it, on a body that didn't
+        self._aliased = np.zeros(count, dtype=bool)  # whether flow led it where another one of its body may be
+        self._time = time
+        self._bodies, self._chain = Bodies(self._numbers, self._fixed, places, time), Chain(places, self._chained)
+        self.looks = dict[int, Looks]()
+        self.reasons = {reason: np.zeros(count, dtype=np.int64) for reason in REASONS}
+
+    def turn(self) -> None:
+        """Takes in that the film is played backward from here on."""
+        self._steps = -self._steps
+        self._bodies.turn()
 
     def follow(self, image: Image, time: float) -> tuple[Array, Array]:
         """Finds the markers in the next frame."""
-        positions, confidence = np.full((self._count, 2), np.nan), np.zeros(self._count)
-        for tracker, of in self._parts:
-            places, sure = tracker.follow(image, time)
-            doubled = self._doubled(places, tracker.radii, positions, np.where(confidence > DOUBT, self.radii, np.nan))
-            positions[of], confidence[of] = places, np.where(doubled, np.minimum(sure, DOUBT), sure)
-        if len(self._rigid):
-            soft = [part for part in self._bodies.soft() if (confidence[self._rigid[part]] > DOUBT).mean() <= FOUND]
-            for part in self._bodies.parts():
-                self._ask_flow(image, time, part, positions, confidence)
-            for part in soft:  # only now, with what flow knows of those that the body lost
-                self._leave(image, time, part, positions, confidence)
-        both = (confidence > DOUBT) & (self._last.confidence > DOUBT)
-        steps = np.where(both[:, None], positions - self._last.positions, self._last.steps)
-        self._last = _Frame(image, time, positions.copy(), confidence.copy(), steps)
+        check_order(time, self._time)
+        self._time = time
+        placed, on = self._bodies.place(image, self._looks, time), self._bodies.on
+        firm = placed.confidence > DOUBT
+        asked = ~firm | self._flowed
+        ahead = self._places + self._steps
+        self._steps[asked & on & ~self._asked] = 0.0  # their bodies knew them up to now: they were pushed
+        moves, carried, expected = self._carried(image, asked, placed.laid)
+        self._looks.grow(np.where(carried & ~firm, moves.growths, 1.0))
+        found = self._spots(image, expected, carried, asked, moves)
+        positions, confidence = self._seen(image, expected, carried, asked, found)
+        positions[~asked], confidence[~asked] = placed.positions[~asked], placed.confidence[~asked]
+        lost = asked & (self._doubles(positions, confidence) | ~inside(positions, image, HALF * self.radii))
+        strained = self._chain.strained(np.where(lost[:, None], np.nan, positions))
+        carried, lost = carried & ~strained, lost | strained
+        positions[lost], confidence[lost], found.chosen[lost] = np.nan, 0.0, -1
+        self._agreed = np.where(confidence > DOUBT, self._agreed + 1, 0)
+        sure = asked & self._sure(positions, confidence, expected, found)
+        sure &= ~(on & self._contradicted(positions, confidence, placed, ahead))
+        leading = on & sure & ~firm  # flow tells its body where it may be; a lost one is there if the body says so, too
+        sure &= ~(on & self._lost) | np.isfinite(placed.laid[:, 0]) & ~contradict(positions, placed.laid, self.radii)
+        apart = firm & sure & (np.linalg.norm(positions - placed.positions, axis=1) > self.radii)
+        self._flowed = on & sure & (~firm | apart)  # flow brought it there, whatever its body says
+        told, more = firm & ~apart, sure & ~firm
+        positions[told], confidence[told] = placed.positions[told], placed.confidence[told]
+        moves.steps[told] = (positions - self._places)[told]
+        self._count(positions, sure | told, found.alone)
+        self._take(positions, (confidence > DOUBT) | firm, sure | told, moves, carried, image)
+        self._agreed[told] = np.maximum(self._agreed[told], AGAIN)
+        self._learn(image, positions, told | more, more, found)
+        self._bodies.learn(np.where((told | more | leading)[:, None], positions, np.nan), leading, placed)
+        self._asked = asked
+        seen = on & ~(sure | firm) & np.isfinite(placed.positions[:, 0])
+        positions[seen], confidence[seen] = placed.positions[seen], placed.confidence[seen]
+        return positions, np.where(told | more, confidence, np.minimum(confidence, DOUBT))
+
+    def _carried(self, image: Image, asked: Mask, laid: Array) -> tuple[Moves, Mask, Array]:
+        """How flow moves the markers that it is asked for, which it carries on, and where all are expected then."""
+        moves = self._flow.follow(image, np.where(asked[:, None], self._places, np.nan), self.radii, self._steps)
+        carried = moves.errors < np.maximum(MOST_OFF[0], MOST_OFF[1] * self.radii)
+        there = self._places + moves.steps
+        carried &= inside(there, image) & ~self._stayed(image, there, carried)
+        carried &= ~self._lost | (self._agreed > 0)  # from where it isn't, flow leads nowhere
+        carried &= ~self._chain.strained(np.where(carried[:, None], there, np.nan))
+        otherwise = np.where(np.isfinite(laid), laid, self._places + self._steps)
+        return moves, carried, self._chain.filled(np.where(carried[:, None], there, np.nan), otherwise)
+
+    def _sure(self, positions: Array, confidence: Array, expected: Array, found: _Found) -> Mask:
+        """Markers that were seen where they were expected from one frame to the next, or that others vouch for."""
+        sure = self._agreed >= AGAIN
+        off = np.linalg.norm(positions - expected, axis=1)
+        near = NEAR[0] * self.radii + NEAR[1] + AHEAD * np.hypot(*self._steps.T)
+        elsewhere = self._lost & (confidence > DOUBT) & ~(off < near)
+        self._jumped |= elsewhere & found.more
+        self._rivals |= elsewhere[:, None] & found.rivals
+        settled = sure & ~self._jumped & ~self._rivals.any(axis=1)
+        sure &= ~self._jumped & ~(self._rivals & ~settled).any(axis=1)
+        return sure | (self._agreed >= AGAIN) & self._chain.vouched(positions, self._doubtful == 0)
+
+    def _contradicted(self, positions: Array, confidence: Array, placed: Placed, ahead: Array) -> Mask:
+        """Markers that flow led where another of their body may be, or, without a spot, beside the body. Shape (M,)."""
+        off = np.linalg.norm(positions[:, None] - ahead, axis=2)
+        other = np.where(self._numbers[:, None] == self._numbers, off, np.inf)
+        np.fill_diagonal(other, np.inf)
+        self._aliased |= np.diag(off) > RATIO * other.min(axis=1)
+        self._aliased &= placed.confidence <= DOUBT
+        moved = np.linalg.norm(positions - self._places, axis=1)
+        beside = contradict(positions, placed.laid, self.radii) & (confidence < CERTAIN)
+        return self._aliased | beside | ~(moved < STREAK * self.radii)
+
+    def _stayed(self, image: Image, there: Array, carried: Mask) -> Mask:
+        """Markers that flow led elsewhere, while something like them is where they would be by their last step.
+
+        An equal one that comes near may take the flow with it. Shapes (M, 2), (M,).
+        """
+        expected = self._places + self._steps
+        aside = carried & contradict(there, expected, self.radii)
+        if not aside.any():
+            return aside
+        ways = np.hypot(*self._steps.T)
+        boxes = np.where(aside[:, None], squares(expected, 1.5 * self.radii + 1.0), 0)
+        spots = self._looks.find(image, boxes, ways)
+        like = self._looks.likeness(spots, self._places, ways) > CLEAR
+        near = ~contradict(spots.centers, expected[:, None], self.radii[:, None])
+        return aside & (like & near).any(axis=1)
+
+    def _spots(self, image: Image, expected: Array, carried: Mask, asked: Mask, moves: Moves) -> _Found:
+        """The spots that look like the markers where they are looked for."""
+        speed = np.maximum(self._fastest, np.hypot(*self._steps.T))
+        far = FAR * self.radii + np.maximum(speed, self.radii) * (1 + self._doubtful)
+        near = carried | self._bodies.on  # where else one of a body is, only all of them tell together
+        reach = np.where(near, NEAR[0] * self.radii + NEAR[1], self._chain.reaches(far, carried))
+        boxes = np.where(asked[:, None], squares(expected, reach + 0.5 * self.radii), 0)
+        spots, of = self._measured(image, expected, boxes, carried)
+        chosen, alone = np.full(len(expected), -1), np.ones(len(expected), dtype=bool)
+        more, rivals = ~alone, np.zeros((len(expected), len(expected)), dtype=bool)
+        if not len(spots):
+            return _Found(spots, chosen, np.zeros(len(expected)), alone, more, rivals, reach)
+        like = self._looks.likeness(spots, self._places, np.hypot(*moves.steps.T))
+        away = np.linalg.norm(spots.centers - expected[:, None], axis=2)
+        own = of == np.arange(len(expected))[:, None]
+        possible = (like > LIKE) & (away < reach[:, None]) & (own | self._chained)  # what one of a chain sees, all see
+        apart = np.linalg.norm(spots.centers[:, None] - spots.centers, axis=2) > self.radii[of] / 2
+        things, thing_of = np.unique(apart.argmin(axis=1), return_inverse=True)  # several markers may see the same
+        cost = np.where(possible, away / reach[:, None] + 1 - like, NEVER)
+        thing, margins = _assigned(_least(cost, thing_of)), np.zeros(len(expected))
+        if linked := self._chained and not carried.all():
+            off = (2 * away / reach[:, None]) ** 2 if carried.any() else 0.0  # else nobody knows where the chain is
+            costs = _least(np.where(possible, off + 1 - like, NEVER), thing_of)
+            known = carried & (thing >= 0) & (self._doubtful == 0)
+            costs[known[:, None] & (np.arange(len(things)) != thing[:, None])] = NEVER
+            thing, margins = self._chain.fit(costs, spots.centers[things])
+        chosen = np.where(thing >= 0, np.where(thing_of == thing[:, None], cost, np.inf).argmin(axis=1), -1)
+        for marker in np.flatnonzero(chosen >= 0):
+            spot, off = chosen[marker], away[marker, chosen[marker]]
+            here = np.linalg.norm(spots.centers - spots.centers[spot], axis=1) < self.radii[marker]
+            taken = np.linalg.norm(spots.centers[:, None] - spots.centers[chosen[chosen >= 0]], axis=2)
+            free = possible[marker] & (taken.min(axis=1) > self.radii[marker])
+            rivals[marker] = (possible & here).any(axis=1) & ~carried & (np.arange(len(away)) != marker)
+            others = np.concatenate([away[marker, free], away[rivals[marker]][:, spot]])
+            alone[marker], more[marker] = off < RATIO * others.min(initial=np.inf), free.any()
+        chosen[carried & ~alone] = -1
+        if linked:
+            alone, more[~carried], rivals[~carried] = np.where(carried, alone, margins > MARGIN), False, False
+        like = np.where(chosen >= 0, like[np.arange(len(like)), chosen], 0.0)
+        return _Found(spots, chosen, like, alone, more, rivals, reach)
+
+    def _measured(
+        self, image: Image, expected: Array, boxes: NDArray[np.int64], joint: Mask
+    ) -> tuple[Spots, NDArray[np.int64]]:
+        """The spots in each marker's box, and the marker that each was found for.
+
+        They are measured by its own colors. Of some, those whose boxes overlap are looked for together.
+        """
+        first, last = boxes[:, None, :2], boxes[:, None, 2:]
+        touching = ((first < boxes[:, 2:]) & (last > boxes[:, :2])).all(axis=2) & joint & joint[:, None]
+        np.fill_diagonal(touching, True)
+        ways = np.hypot(*self._steps.T)
+        asked = np.flatnonzero((boxes[:, :2] < boxes[:, 2:]).all(axis=1))
+        found = [
+            self._looks.find(image, np.where(one, boxes, 0), ways, np.where(one, expected, np.nan))
+            for one in touching[asked, :, None]
+        ]
+        of = np.repeat(asked, [len(spots) for spots in found])
+        return self._looks.find(image, np.zeros_like(boxes)).and_(*found), of
+
+    def _seen(self, image: Image, expected: Array, carried: Mask, asked: Mask, found: _Found) -> tuple[Array, Array]:
+        """Positions and confidence by the best opinion on each marker."""
+        positions, confidence = np.full_like(expected, np.nan), np.zeros(len(expected))
+        chosen = found.chosen
+        for m in np.flatnonzero(asked).tolist():
+            place = found.spots.centers[chosen[m]] if chosen[m] >= 0 else expected[m]
+            told = self._chained and bool(self._looks.plain[m])  # by color and by others: better than by a picture
+            if carried[m] and not self._lost[m] and found.like[m] < CLEAR and not told:
+                again = self._looks.pick_again(image, m, expected[m])
+                if again is not None:
+                    positions[m], confidence[m], chosen[m] = again, RIGHT, -1
+                    continue
+            if carried[m] and chosen[m] >= 0:
+                positions[m], confidence[m], self._drifted[m] = place, CERTAIN, 0.0
+                continue
+            near = np.hypot(*(place - expected[m])) < NEAR[0] * self.radii[m] + NEAR[1]
+            whole = near or found.like[m] > CLEAR  # and not a part of one that is blurred
+            nearby = min(found.reach[m], NEARBY * self.radii[m] + np.hypot(*self._steps[m]))
+            reach = NEAR[0] * self.radii[m] + 1 if carried[m] else 1.5 if chosen[m] >= 0 else nearby
+            peak, score, only = self._picture(image, m, place, reach)
+            own = carried[m] and not self._lost[m] and score > SAME and not told
+            own = own and not contradict(peak - self._drifted[m], place, self.radii[m])
+            if own and self.colors.are_at(image, m, place, self.radii[m]):
+                positions[m], confidence[m] = peak if self.radii[m] < SMALL else place, RIGHT
+                if score < SURELY:
+                    self._looks.learn_picture(image, m, place)
+                    self._drifted[m] += place - peak
+            elif chosen[m] >= 0:
+                known = (whole and score > SAME) or (near and told)
+                positions[m], confidence[m] = place, LIKELY if known and found.alone[m] else DOUBT
+            elif score > SURELY and not told:
+                again = self._looks.pick_again(image, m, peak) if only else None
+                positions[m], confidence[m] = (peak, DOUBT) if again is None else (again, LIKELY)
+            elif carried[m]:
+                positions[m], confidence[m] = place, DOUBT
         return positions, confidence
 
-    def turn(self) -> None:
-        """Takes in that the film is played backward from here on."""
-        for tracker, _ in self._parts:
-            tracker.turn()
-        for flowed in self._doubted.values():
-            flowed.turn()
-        self._last = self._last._replace(steps=-self._last.steps)
+    def _picture(self, image: Image, marker: int, place: Array, reach: float) -> tuple[Array, float, bool]:
+        """Where it looks most like a marker near a place (2,), how much it does, and whether only there."""
+        if not inside(place, image):
+            return place, 0.0, False
+        found = self._looks.find_pictures(image, marker, place, reach)
+        if not found:
+            return place, 0.0, False
+        best = max(found, key=lambda peak: peak.score)
+        return np.array([best.x, best.y]), best.score, len(found) == 1
 
-    def _ask_flow(
-        self, image: Image, time: float, part: NDArray[np.int64], positions: Array, confidence: Array
-    ) -> None:
-        """Puts in what flow knows of markers of a body that aren't found any longer, until all are."""
-        of, key = self._rigid[part], int(part[0])
-        believed, known = confidence[of] > DOUBT, self._last.confidence[of] > DOUBT
-        if key not in self._doubted:
-            if not (known & ~believed).any():
-                return
-            looks, expected = self._bodies.known(part)
-            places = np.where(known[:, None], self._last.positions[of], expected)
-            self._doubted[key] = _Flowed(self._last, looks, places, known, self._last.steps[of])
-        flowed = self._doubted[key]
-        places, sure = flowed.follow(image, time)
-        certain = sure > DOUBT
-        if believed.any():  # against a body flow is too little
-            certain &= (sure >= CERTAIN) | ~contradict(places, self._bodies.laid(part), flowed.radii)
-        certain &= np.linalg.norm(places - self._last.positions[of], axis=1) < STREAK * flowed.radii
-        doubled = self._doubled(places, flowed.radii, positions, np.where(confidence > DOUBT, self.radii, np.nan))
-        both, more = certain & believed, certain & ~believed & ~doubled
-        apart = both & (np.linalg.norm(places - positions[of], axis=1) > flowed.radii)
-        confidence[of[apart & flowed.followed]] = DOUBT  # flow brought it here, and the body says it is elsewhere
-        flowed.aliased |= apart & ~flowed.followed
-        flowed.followed = more | apart & flowed.followed
-        positions[of[more]], confidence[of[more]] = places[more], sure[more]
-        if more.any():
-            found = np.where((confidence[of] > DOUBT)[:, None], positions[of], np.nan)
-            self._bodies.learn(part, found, more, flowed.looks)
-        if more.sum() > 1 and not believed.any():
-            self._bodies.carry(part, np.where(more[:, None], places, np.nan), time)
-        if believed.all():
-            del self._doubted[key]
+    def _doubles(self, positions: Array, confidence: Array) -> Mask:
+        """Markers at another's place, which is certain, or was later; of two equal ones, both."""
+        confidence = confidence + 1 / (1 + self._doubtful)
+        near = np.linalg.norm(positions[:, None] - positions, axis=2) < self._chain.closest(self.radii)
+        np.fill_diagonal(near, False)
+        return (near & (confidence[:, None] <= confidence)).any(axis=1)
 
-    @staticmethod
-    def _doubled(places: Array, radii: Array, others: Array, known: Array) -> Mask:
-        """Which markers are at the place of another one, whose radius is known if its place is. Shapes (K,), (M,)."""
-        near = np.linalg.norm(places[:, None] - others, axis=2) < (radii[:, None] + known) / 2
-        return near.any(axis=1)
+    def _count(self, positions: Array, sure: Mask, alone: Mask) -> None:
+        seen = np.isfinite(positions[:, 0])
+        for reason, why in zip(REASONS, (~seen, seen & ~alone, seen & alone), strict=True):
+            self.reasons[reason] += ~sure & why
 
-    def _leave(self, image: Image, time: float, part: NDArray[np.int64], positions: Array, confidence: Array) -> None:
-        """Leaves a body to flow that doesn't keep its shape, and of which many markers aren't found any longer."""
-        of, free = self._rigid[part], FreeTracker()
-        certain = confidence[of] > DOUBT
-        looks, expected = self._bodies.leave(part)
-        free.take_over(image, looks, np.where(certain[:, None], positions[of], expected), certain, time)
-        self._parts.append((free, of))
+    def _take(self, positions: Array, good: Mask, known: Mask, moves: Moves, carried: Mask, image: Image) -> None:
+        """Takes in where the markers were seen, and how they moved."""
+        seen, corner = np.isfinite(positions[:, 0]) & (good | carried), np.array(image.shape[1::-1]) - 1
+        slower = SLOWER * self._steps
+        if (np.abs(moves.steps) > REPEATED).any():
+            steps = np.where(carried[:, None], moves.steps, slower)
+            self._steps = np.where((self._agreed > 1)[:, None], positions - self._places, steps)
+        self._places = np.where(seen[:, None], positions, np.clip(self._places + slower, 0, corner))
+        self._doubtful = np.where(known, 0, self._doubtful + 1)
+        self._lost = ~known & (self._lost | ~carried)
+        self._jumped, self._rivals = self._jumped & ~known, self._rivals & ~known[:, None]
+        fastest = np.maximum(SLOWER * self._fastest, np.hypot(*self._steps.T))
+        self._fastest = np.where(known, fastest, self._fastest)
+
+    def _learn(self, image: Image, positions: Array, known: Mask, flowed: Mask, found: _Found) -> None:
+        """Takes in how markers look that flow followed, and where all are along a chain."""
+        alone = ~self._bodies.on & (not self._chained)
+        for marker in np.flatnonzero((self._doubtful == 1) & alone).tolist():  # before they change by looking for it
+            self.looks[marker] = self._looks.of(np.array([marker]))
+        certain = np.flatnonzero(flowed & (found.chosen >= 0))
+        self._looks.learn(image, found.spots, certain, found.chosen[certain], np.zeros((len(certain), 2)))
+        for markers in [np.arange(len(positions))] if self._chained else self._bodies.large:
+            self._looks.grow_together(markers)
+        self.radii = self._looks.radii
+        for marker in certain.tolist():
+            self.colors.learn(image, marker, positions[marker], self.radii[marker])
+        step = float(np.median(np.hypot(*self._steps.T)))
+        self._chain.learn(np.where(known[:, None], positions, np.nan), float(np.median(self.radii)), step)
 
 
-class _Frame(NamedTuple):
-    """What is known of a frame.
-
-    Attributes:
-        image: RGB. Shape (H, W, 3).
-        time: Time stamp [s].
-        positions: Of the markers [px]. Shape (M, 2).
-        confidence: From 0 to 1. Shape (M,).
-        steps: Last known step of each marker [px]. Shape (M, 2).
-    """
-
-    image: Image
-    time: float
-    positions: Array
-    confidence: Array
-    steps: Array
+def _least(costs: Array, thing_of: NDArray[np.int64]) -> Array:
+    """Least costs of things, of which each spot is one. Shapes (M, P), (P,), (M, K)."""
+    return np.array([costs[:, thing_of == one].min(axis=1) for one in range(thing_of.max() + 1)]).T
 
 
-class _Flowed:
-    """The markers of one body, followed by flow from a frame on in which the body was believed.
+def _assigned(costs: Array) -> NDArray[np.int64]:
+    """The thing that each marker is at least cost in all, -1 for none. Shapes (M, K), (M,)."""
+    out = np.full(len(costs), -1)
+    rows, columns = linear_sum_assignment(costs)
+    out[rows] = np.where(costs[rows, columns] < NEVER, columns, -1)
+    return out
+
+
+class _Found(NamedTuple):
+    """Spots that look like the markers.
 
     Attributes:
-        looks: What the markers look like, as it knows.
-        aliased: Markers that were where the last step led another one of the body: they may be that one. Shape (M,).
-        followed: Markers of which flow was believed in the last frame. Shape (M,).
+        spots: What was found.
+        chosen: That of each marker, or -1. Shape (M,).
+        like: How much it looks like it. Shape (M,).
+        alone: Whether it can't be another's. Shape (M,).
+        more: Whether another one is like it where it was looked for. Shape (M,).
+        rivals: Markers that each one's spot may be as well. Shape (M, M).
+        reach: How far from where it was expected each was looked for [px]. Shape (M,).
     """
 
-    def __init__(self, frame: _Frame, looks: Looks, places: Array, known: Mask, steps: Array) -> None:
-        self._free, self._expected = FreeTracker(NEARBY), places + steps
-        self.looks = looks
-        self._free.take_over(frame.image, looks, places, known, frame.time)
-        self.aliased = np.zeros(len(places), dtype=bool)
-        self.followed = np.zeros(len(places), dtype=bool)
-
-    @property
-    def radii(self) -> Array:
-        return self._free.radii
-
-    def turn(self) -> None:
-        """Takes in that the film is played backward from here on."""
-        self._free.turn()
-        self._expected = 2 * self._free.places - self._expected
-
-    def follow(self, image: Image, time: float) -> tuple[Array, Array]:
-        """Places [px], shape (M, 2), and confidence, shape (M,), of the next frame."""
-        before = self._free.places
-        positions, confidence = self._free.follow(image, time)
-        off = np.linalg.norm(self._free.places[:, None] - self._expected, axis=2)
-        own = np.diag(off).copy()
-        np.fill_diagonal(off, np.inf)
-        self.aliased |= own > RATIO * off.min(axis=1)
-        self._expected = 2 * self._free.places - before
-        return positions, np.where(self.aliased, np.minimum(confidence, DOUBT), confidence)
+    spots: Spots
+    chosen: NDArray[np.int64]
+    like: Array
+    alone: Mask
+    more: Mask
+    rivals: Mask
+    reach: Array
