@@ -114,10 +114,9 @@ class _Way:
             self._tracker = self._begun(image, gap.known[frame], clock)
         elif frame in gap.seen and self.sure[at] < DOUBTFUL and gap.looks is not None:
             looks = gap.looks.of(np.array([0]))
-            found = looks.find_pictures(image, 0, gap.seen[frame], float(looks.radii[0]))
-            best = max(found, key=lambda peak: peak.score, default=None)
-            if best is not None and best.score > SAME:
-                self.places[at], self.sure[at] = (best.x, best.y), RIGHT
+            place, score, _ = looks.find_picture(image, 0, gap.seen[frame], float(looks.radii[0]))
+            if score > SAME:
+                self.places[at], self.sure[at] = place, RIGHT
                 self._tracker = self._begun(image, self.places[at], clock)
 
     def _begun(self, image: Image, place: Array, clock: float) -> MarkerTracker | None:

@@ -71,15 +71,15 @@ class Bodies:
             return Placed(nowhere, np.zeros(len(self._numbers)), nowhere)
         predicted = [body.predicted(time) for body in self._bodies]
         expected = self._expected(predicted, [False] * len(predicted))
-        spots, labeling = self._labeled(image, expected)
+        spots, likeness, labeling = self._labeled(image, expected)
         missing = [
             bool(np.count_nonzero(labels >= 0) < inside(places, image).sum())
             for labels, places in zip(labeling.spots, predicted, strict=True)
         ]
         if any(missing):
             expected = self._expected(predicted, missing)
-            spots, labeling = self._labeled(image, expected)
-        placed = self._taken(image, spots, labeling, expected, time)
+            spots, likeness, labeling = self._labeled(image, expected)
+        placed = self._taken(image, spots, likeness, labeling, expected, time)
         self._time = time
         return placed
 
@@ -119,15 +119,15 @@ class Bodies:
     def _radius(self, body: Body) -> float:
         return float(np.median(self._looks.radii[body.markers]))
 
-    def _labeled(self, image: Image, expected: list[Expected]) -> tuple[Spots, Labeling]:
-        """Labels of the bodies among the spots of the markers' colors."""
+    def _labeled(self, image: Image, expected: list[Expected]) -> tuple[Spots, Array, Labeling]:
+        """The spots of the markers' colors, how much each looks like each marker, and labels of the bodies."""
         boxes, places = np.zeros((len(self._numbers), 4), dtype=np.int64), np.full((len(self._numbers), 2), np.nan)
         for body, one in zip(self._bodies, expected, strict=True):
             boxes[body.markers], places[body.markers] = squares(one.places, one.reach), one.places
         spots = self._looks.find(image, boxes, self._steps(), places)
         looks = self._likeness(spots)
-        height, width = image.shape[:2]
-        return spots, label(expected, spots.centers, [looks[body.markers] for body in self._bodies], (width, height))
+        size = (image.shape[1], image.shape[0])
+        return spots, looks, label(expected, spots.centers, [looks[body.markers] for body in self._bodies], size)
 
     def _likeness(self, spots: Spots) -> Array:
         """How much each spot looks like each marker, of which none is blurred by more than it moved. Shape (M, P)."""
@@ -143,9 +143,11 @@ class Bodies:
             steps[body.markers] = body.step
         return steps
 
-    def _taken(self, image: Image, spots: Spots, labeling: Labeling, expected: list[Expected], time: float) -> Placed:
+    def _taken(
+        self, image: Image, spots: Spots, likeness: Array, labeling: Labeling, expected: list[Expected], time: float
+    ) -> Placed:
         """Positions and confidence; each body takes in how it moved and how certain that is."""
-        found = _Found(len(self._numbers), self._likeness(spots))
+        found = _Found(len(self._numbers), likeness)
         for body, labels, lead, own, one in zip(
             self._bodies, labeling.spots, labeling.leads, labeling.own_leads, expected, strict=True
         ):

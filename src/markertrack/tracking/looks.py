@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markertrack.tracking.labeling import find_blobs
-from markertrack.tracking.patches import Patches, Peak
+from markertrack.tracking.patches import Patches
 from markertrack.tracking.radii import LEAST_DETAIL, own_radii
 from markertrack.tracking.spots import SHARP, SpotFinder, Spots, streak_lengths
 from markertrack.tracking.tags import dictionary_at
-from markertrack.tracking.tracker import Array, Image, Mask, check_points, contradict
+from markertrack.tracking.tracker import Array, Image, Mask, check_points, contradict, inside
 from swimbase.errors import TrackingError
 
 OWN_AREAS = (0.4, 2.4)  # of a disc of a marker's radius, within which a spot at its point is the marker
@@ -123,9 +123,13 @@ class Looks:
         away = np.linalg.norm(spots.centers[:, None] - apart.centers, axis=2)
         return spots.of((away > np.sqrt(apart.areas / np.pi)).all(axis=1)).and_(apart)
 
-    def find_pictures(self, image: Image, marker: int, place: Array, reach: float) -> list[Peak]:
-        """What looks like a marker's picture near a place (2,), how far away it may be [px]."""
-        return self._patches.find(image, marker, place, reach)
+    def find_picture(self, image: Image, marker: int, place: Array, reach: float) -> tuple[Array, float, bool]:
+        """Where it looks most like a marker near a place (2,) [px], how much it does, and whether only there."""
+        found = self._patches.find(image, marker, place, reach) if inside(place, image) else []
+        if not found:
+            return place, 0.0, False
+        best = max(found, key=lambda peak: peak.score)
+        return np.array([best.x, best.y]), best.score, len(found) == 1
 
     def grow(self, factors: Array) -> None:
         """Takes in by how much the markers have grown. Shape (M,)."""

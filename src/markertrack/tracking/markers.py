@@ -267,7 +267,7 @@ class MarkerTracker:
             whole = near or found.like[m] > CLEAR  # and not a part of one that is blurred
             nearby = min(found.reach[m], NEARBY * self.radii[m] + np.hypot(*self._steps[m]))
             reach = NEAR[0] * self.radii[m] + 1 if carried[m] else 1.5 if chosen[m] >= 0 else nearby
-            peak, score, only = self._picture(image, m, place, reach)
+            peak, score, only = self._looks.find_picture(image, m, place, reach)
             own = carried[m] and not self._lost[m] and score > SAME and not told
             own = own and not contradict(peak - self._drifted[m], place, self.radii[m])
             if own and self.colors.are_at(image, m, place, self.radii[m]):
@@ -284,16 +284,6 @@ class MarkerTracker:
             elif carried[m]:
                 positions[m], confidence[m] = place, DOUBT
         return positions, confidence
-
-    def _picture(self, image: Image, marker: int, place: Array, reach: float) -> tuple[Array, float, bool]:
-        """Where it looks most like a marker near a place (2,), how much it does, and whether only there."""
-        if not inside(place, image):
-            return place, 0.0, False
-        found = self._looks.find_pictures(image, marker, place, reach)
-        if not found:
-            return place, 0.0, False
-        best = max(found, key=lambda peak: peak.score)
-        return np.array([best.x, best.y]), best.score, len(found) == 1
 
     def _doubles(self, positions: Array, confidence: Array) -> Mask:
         """Markers at another's place, which is certain, or was later; of two equal ones, both."""

@@ -29,7 +29,7 @@ MOST_WEIGHT = 0.1  # of the distance from where a marker is expected: taken off 
 Picture = NDArray[np.float32]
 
 
-class Peak(NamedTuple):
+class _Peak(NamedTuple):
     """A place that looks like a marker [px], and how much it does, at most 1."""
 
     x: float
@@ -81,7 +81,7 @@ class Patches:
         some._patches = [replace(self._patches[marker]) for marker in markers]
         return some
 
-    def find(self, image: Image, marker: int, place: Array, reach: float) -> list[Peak]:
+    def find(self, image: Image, marker: int, place: Array, reach: float) -> list[_Peak]:
         """Places near one that look like a marker, the most likely first.
 
         Args:
@@ -181,14 +181,14 @@ def _contrast(picture: Picture, mask: Picture) -> float:
     return float(np.sqrt(np.average((picture - mean) ** 2, weights=mask)))
 
 
-def _peaks(scores: Picture, window: Picture, place: Array, patch: _Patch) -> list[Peak]:
+def _peaks(scores: Picture, window: Picture, place: Array, patch: _Patch) -> list[_Peak]:
     """The highest of all places that are higher than those around them, to a fraction of a pixel."""
     mask, side = _mask(patch), len(patch.recent)
     least = LEAST_CONTRAST * _contrast(patch.recent, mask)
     middle = (len(scores) - 1) / 2
     offsets = np.arange(len(scores)) - middle
     near = scores - MOST_WEIGHT * (offsets**2 + (offsets**2)[:, None]) / max(middle, 1.0) ** 2
-    found: list[Peak] = []
+    found: list[_Peak] = []
     for _ in range(MOST_PEAKS):
         row, column = np.unravel_index(int(np.argmax(near)), near.shape)
         if scores[row, column] < max(LEAST_SCORE, found[0].score - MOST_WORSE if found else 0.0):
@@ -197,7 +197,7 @@ def _peaks(scores: Picture, window: Picture, place: Array, patch: _Patch) -> lis
         if inside and _contrast(window[row : row + side, column : column + side], mask) > least:
             x = column + _vertex(scores[row, column - 1 : column + 2]) - middle
             y = row + _vertex(scores[row - 1 : row + 2, column]) - middle
-            found.append(Peak(place[0] + x * patch.factor, place[1] + y * patch.factor, float(scores[row, column])))
+            found.append(_Peak(place[0] + x * patch.factor, place[1] + y * patch.factor, float(scores[row, column])))
         away = np.hypot(offsets - offsets[column], (offsets - offsets[row])[:, None])
         near = np.where(away < patch.radius + 1, -np.inf, near)
     return found
