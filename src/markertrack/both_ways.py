@@ -18,14 +18,13 @@ from markertrack.gaps import Gap, follow_gaps, joined
 from markertrack.quality import DOUBTFUL, runs
 from markertrack.track import MarkerTrack
 from markertrack.tracking.markers import MarkerTracker
-from markertrack.tracking.tracker import Array, Tracker
+from markertrack.tracking.tracker import DOUBT, Array, Tracker
 from markertrack.tracklets import ENDS, Motion, Things, Tracklet, belonging, known_stretches
 from markertrack.video import Frame, most_frames
 
 SETTLED = 5  # frames in which all markers are certain, after which a break is over
 BEFORE = ENDS + 1  # frames before a break, which tell how markers moved
 SURE = 0.9  # that a thing is a marker which was lost
-SMEARED = 0.4  # highest confidence in a picture that may be smeared: doubtful to `check_track`
 
 Seen = tuple[Frame, Array, Array]
 
@@ -54,7 +53,7 @@ def both_ways(tracker: Tracker, frames: Iterable[Frame], points: Array) -> Itera
             positions, confidence = tracker.follow(frame.image, clock)
         last = frame
         if not frame.intact:  # predicted from a broken one: what it shows may be of another time
-            confidence = np.minimum(confidence, SMEARED)
+            confidence = np.minimum(confidence, DOUBT)
         kept.append((replace(frame), positions, confidence))  # without its converted picture
         if len(kept) >= ENDS:
             places, sure = (np.array([one[n] for one in kept[-ENDS:]]) for n in (1, 2))

@@ -3,7 +3,7 @@
 Markers that fail at about the same time, near one another, are one stretch: a person sees to them together.
 
 A track keeps what it was sure of, except where a correction contradicts it. Between two places that are known, clicks
-or sure frames, a marker is followed anew by flow and looks (`free`), forward from the first and backward from the
+or sure frames, a marker is followed anew by flow and looks (`gaps`), forward from the first and backward from the
 second. A way that arrives elsewhere than where the marker is known to be is doubtful; `both_ways` joins the two.
 """
 
@@ -18,13 +18,12 @@ from numpy.typing import NDArray
 
 from markertrack.gaps import Gap
 from markertrack.points import Anchor
-from markertrack.quality import DOUBTFUL
+from markertrack.quality import DOUBTFUL, SAMPLES
 from markertrack.track import MarkerTrack
 from markertrack.tracking.tracker import AGREE, DOUBT, Array, Mask
 
 NEAR = 1.25  # times the usual spacing of markers, within which those of one stretch lie
 NEIGHBORS = 3  # markers with which a lost one is expected to move on
-_SAMPLES = 50  # frames that tell how far apart markers are
 JUMP_SHARE = 0.4  # of the markers' usual spacing, by which the velocity of a marker may change per frame
 MEANWHILE = 5  # frames for which what befalls a marker goes on: between two failures, around one that it is hidden in
 
@@ -221,6 +220,6 @@ def _filled(positions: Array, known: Mask) -> Array:
 
 def _apart(places: Array) -> Array:
     """Usual distance of each two markers, infinite of a marker from itself or one never seen [px]. Shape (M, M)."""
-    sample = places[np.linspace(0, len(places) - 1, min(len(places), _SAMPLES)).astype(int)]
+    sample = places[np.linspace(0, len(places) - 1, min(len(places), SAMPLES)).astype(int)]
     apart = np.median(np.linalg.norm(sample[:, :, None] - sample[:, None], axis=3), axis=0)
     return np.where(np.eye(len(apart), dtype=bool) | np.isnan(apart), np.inf, apart)

@@ -40,7 +40,7 @@ _CLOSE = 1.6  # times, within which a factor is taken for a unit's
 _BETTER = 0.5  # of the misfit of one order that the other order must come below
 _NOTABLE = 0.04  # of the robot's length, below which spacings fit either way
 _SLOWEST, _FASTEST = 0.6, 1.2  # of its nominal frequency, at which a motor under load turns
-_SAMPLES = 200  # frames, and pairs of markers, that are looked at
+SAMPLES = 200  # frames, and pairs of markers, that are looked at
 USABLE_SHARE = 0.05  # of frames that a marker may be lost for in a trial that is used without a second thought
 
 
@@ -488,7 +488,7 @@ def _ratios(track: MarkerTrack, rest: Array) -> Array:
     """Distances of pairs of markers, as a share of those at rest. Shape (K,)."""
     first, second = np.triu_indices(len(rest), 1)
     known = np.linalg.norm(rest[first] - rest[second], axis=1)
-    pairs = np.argsort(-known, kind="stable")[:_SAMPLES]
+    pairs = np.argsort(-known, kind="stable")[:SAMPLES]
     pairs = pairs[known[pairs] > 0]
     seen = _sampled(track)
     apart = _median(np.linalg.norm(seen[:, first[pairs]] - seen[:, second[pairs]], axis=2))
@@ -498,4 +498,4 @@ def _ratios(track: MarkerTrack, rest: Array) -> Array:
 
 def _sampled(track: MarkerTrack) -> Array:
     """Some frames, all over the track. Shape (K, M, 2)."""
-    return track.positions[:: max(1, track.frame_count // _SAMPLES)]
+    return track.positions[:: max(1, track.frame_count // SAMPLES)]

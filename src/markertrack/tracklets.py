@@ -24,9 +24,8 @@ from markertrack.tracking.colors import EVEN, OwnColors
 from markertrack.tracking.flow import STILL, Flow
 from markertrack.tracking.looks import LIKE, Looks
 from markertrack.tracking.markers import MOST_OFF
-from markertrack.tracking.tracker import AGREE, Array, Image, Mask, contradict
+from markertrack.tracking.tracker import AGAIN, AGREE, Array, Image, Mask, contradict
 
-SEVERAL = 2  # frames in which a thing must be seen: else nobody knows where it goes
 ENDS = 3  # steps that tell the velocity of a thing at its ends
 MOST = 1000  # tracklets that are linked: those that last longest
 
@@ -169,7 +168,7 @@ def _without_pieces(things: Sequence[Tracklet], radius: float) -> list[Tracklet]
             near = np.array(taken.get(one.first + k, [])).reshape(-1, 3)
             free[k] = (np.hypot(*(near[:, :2] - place).T) > near[:, 2]).all()
         for begin, end in runs(free).tolist():
-            if end - begin >= SEVERAL:
+            if end - begin >= AGAIN:
                 out.append(Tracklet(one.first + begin, one.places[begin:end]))
                 for k in range(begin, end):
                     taken.setdefault(one.first + k, []).append(np.append(one.places[k], wide))

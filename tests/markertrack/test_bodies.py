@@ -5,6 +5,7 @@ import pytest
 
 from markertrack.tracking.body import Body
 from markertrack.tracking.markers import MarkerTracker
+from markertrack.tracking.rigid import LEAD, Expected, label, pairs_of
 from swimbase.errors import TrackingError
 
 WIDTH, HEIGHT, RADIUS, SPACING, FPS = 420, 240, 6, 32, 60
@@ -254,3 +255,23 @@ def test_a_body_that_was_pushed_is_not_expected_to_be_pushed_again():
         body.follow(places + np.array([x, 0.0]), time)
     # it goes on as in the last frame
     np.testing.assert_allclose(body.predicted(3.0), places + np.array([4.0, 0.0]), atol=1e-9)
+
+
+def labeled(places, held, centers):
+    """A row, certain at `held` and since then assumed at `places`, laid over spots that look like its dots."""
+    row = Expected(places, held, pairs_of(ROW), 300.0, 3.0, 0.1, 900.0, 900.0, 3.0, lost=True)
+    return label([row], centers, [np.ones((len(ROW), len(centers)))], (2 * WIDTH, 2 * HEIGHT))[0]
+
+
+def test_labels_that_were_assumed_are_no_evidence_for_themselves():
+    other = ROW + np.array([0, 200])
+    found = labeled(other, ROW, np.concatenate([ROW, other]))
+    np.testing.assert_array_equal(found.spots, np.arange(7, 14))  # as before
+    assert found.lead < LEAD
+    assert found.apart == pytest.approx(200)
+
+
+def test_two_dots_of_a_row_are_as_well_two_others():
+    found = labeled(ROW, ROW, np.concatenate([ROW[2:4], ROW[2:4] + np.array([0, 40])]))
+    assert (found.spots >= 0).sum() == 2
+    assert found.lead < LEAD

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from markertrack.tracking.coverage import TERMS, Coverage, coverages
+from markertrack.tracking.coverage import TERMS, Coverage, covered
 
 CENTER, RADIUS = np.array([[40.0, 30.0]]), 8.0
 ROWS, COLUMNS = np.mgrid[:60, :80]
@@ -25,7 +25,7 @@ def learned(image):
 
 
 def by_color(image, coverage):
-    return coverages(image, coverage.weights[0])
+    return np.array([covered(image, i, j, coverage.weights[0]) for i, j in np.ndindex(AWAY.shape)]).reshape(AWAY.shape)
 
 
 def test_a_marker_is_told_from_lighter_and_darker_surroundings_at_once():

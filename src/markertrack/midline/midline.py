@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from markertrack.both_ways import SMEARED
 from markertrack.following import Film, FrameProgress, within
 from markertrack.midline.centerline import POINTS, Curve, curves
 from markertrack.midline.doubting import judge
@@ -16,7 +15,7 @@ from markertrack.midline.places import places_at, tail_first
 from markertrack.midline.silhouette import Silhouette
 from markertrack.points import Anchor
 from markertrack.track import MarkerTrack
-from markertrack.tracking.tracker import Array, Image, Mask
+from markertrack.tracking.tracker import DOUBT, Array, Image, Mask
 from markertrack.video import Frame, VideoReader
 from swimbase.errors import TrackingError
 
@@ -79,7 +78,7 @@ def follow_midline(
     trust = np.ones(count)
     for frame in within(reader, film.span):
         found.append(curves(silhouette.shapes(view.picture(frame)), silhouette.length))
-        trust[len(times)] = 1.0 if frame.intact else SMEARED
+        trust[len(times)] = 1.0 if frame.intact else DOUBT
         times.append(frame.time)
         seen = view.whole(found[-1][0].points) if found[-1] else None
         on_progress(FrameProgress(film.name, len(times), count, 0 if found[-1] else len(places), positions=seen))

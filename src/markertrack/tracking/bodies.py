@@ -13,14 +13,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from markertrack.tracking.body import AGAIN_FRAMES, STIFF, Body, distance
-from markertrack.tracking.looks import Looks, squares
-from markertrack.tracking.rigid import Expected, Labeling, label, rigid_fit
+from markertrack.tracking.body import STIFF, Body
+from markertrack.tracking.looks import WHOLE, Looks, squares
+from markertrack.tracking.rigid import LEAD, Expected, Labeled, distance, label, rigid_fit
 from markertrack.tracking.spots import Spots, streaks
-from markertrack.tracking.tracker import DOUBT, Array, Image, Mask, inside
+from markertrack.tracking.tracker import AGAIN, DOUBT, Array, Image, Mask, inside
 
-LEAD = 4.0  # by which labels must be better than any others to be sure: two fifths of a missing marker
-WHOLE = (0.72, 1.4)  # area of a spot, as a share of a marker's, that is neither partly hidden nor more than one
 FAR = 4.0  # times how far a body may easily be from where it is expected: a push, or a mistake
 LEAST_LIKE = 0.3  # likeness of a spot that is certain to be the marker
 ADAPT_TIME = 1.0  # s over which a body's shape in the picture changes: perspective, lens
@@ -71,15 +69,15 @@ class Bodies:
             return Placed(nowhere, np.zeros(len(self._numbers)), nowhere)
         predicted = [body.predicted(time) for body in self._bodies]
         expected = self._expected(predicted, [False] * len(predicted))
-        spots, likeness, labeling = self._labeled(image, expected)
+        spots, likeness, labeled = self._labeled(image, expected)
         missing = [
-            bool(np.count_nonzero(labels >= 0) < inside(places, image).sum())
-            for labels, places in zip(labeling.spots, predicted, strict=True)
+            bool(np.count_nonzero(one.spots >= 0) < inside(places, image).sum())
+            for one, places in zip(labeled, predicted, strict=True)
         ]
         if any(missing):
             expected = self._expected(predicted, missing)
-            spots, likeness, labeling = self._labeled(image, expected)
-        placed = self._taken(image, spots, likeness, labeling, expected, time)
+            spots, likeness, labeled = self._labeled(image, expected)
+        placed = self._taken(image, spots, likeness, labeled, time)
         self._time = time
         return placed
 
@@ -104,13 +102,14 @@ class Bodies:
         for body, places, far in zip(self._bodies, predicted, pushed, strict=True):
             radius = self._radius(body)
             usual, reach = body.spread(radius), 3 * radius + 4
-            spread = max(usual, body.doubt)
+            spread = usual + body.doubt
             near = reach if body.fixed else max(3 * spread, reach)
             reach = near if body.fixed or not far else max(near, 18 * radius)
             tolerance = min(0.3 * radius + 1.0 + 0.08 * body.step, radius)
             lost = not body.fixed and body.doubt > 0
             swing = STIFF + 0.5 * body.turn + body.swing
-            expected.append(Expected(places, body.pairs, spread, usual, swing, near, reach, tolerance, lost))
+            held = places if body.held is None else body.held
+            expected.append(Expected(places, held, body.pairs, spread, usual, swing, near, reach, tolerance, lost))
         return expected
 
     def _firm(self, body: Body) -> float:
@@ -119,7 +118,7 @@ class Bodies:
     def _radius(self, body: Body) -> float:
         return float(np.median(self._looks.radii[body.markers]))
 
-    def _labeled(self, image: Image, expected: list[Expected]) -> tuple[Spots, Array, Labeling]:
+    def _labeled(self, image: Image, expected: list[Expected]) -> tuple[Spots, Array, list[Labeled]]:
         """The spots of the markers' colors, how much each looks like each marker, and labels of the bodies."""
         boxes, places = np.zeros((len(self._numbers), 4), dtype=np.int64), np.full((len(self._numbers), 2), np.nan)
         for body, one in zip(self._bodies, expected, strict=True):
@@ -143,16 +142,12 @@ class Bodies:
             steps[body.markers] = body.step
         return steps
 
-    def _taken(
-        self, image: Image, spots: Spots, likeness: Array, labeling: Labeling, expected: list[Expected], time: float
-    ) -> Placed:
+    def _taken(self, image: Image, spots: Spots, likeness: Array, labeled: list[Labeled], time: float) -> Placed:
         """Positions and confidence; each body takes in how it moved and how certain that is."""
         found = _Found(len(self._numbers), likeness)
-        for body, labels, lead, own, one in zip(
-            self._bodies, labeling.spots, labeling.leads, labeling.own_leads, expected, strict=True
-        ):
-            found.leads[body.markers] = own
-            self._take(body, spots, labels, lead, one, found, time)
+        for body, one in zip(self._bodies, labeled, strict=True):
+            found.leads[body.markers] = one.own_leads
+            self._take(body, spots, one, found, time)
         for body in self._twice(found.positions):
             body.lose(2 * self._radius(body))
             body.doubt = body.doubt or body.spread(self._radius(body))
@@ -177,21 +172,19 @@ class Bodies:
         return Placed(found.positions, confidence, laid)
 
     def _take(
-        self, body: Body, spots: Spots, labels: NDArray[np.int64], lead: float, one: Expected, found: _Found,
-        time: float,
+        self, body: Body, spots: Spots, one: Labeled, found: _Found, time: float
     ) -> None:  # fmt: skip
         """Takes in what one body's labels are: where it is, or that it is lost, and whether that is certain."""
-        seen, radius = labels >= 0, self._radius(body)
-        places = np.full((len(labels), 2), np.nan)
-        places[seen] = spots.centers[labels[seen]]
+        places, seen, radius = one.places, one.spots >= 0, self._radius(body)
         last, frames, guess = body.history[-1][1], body.unseen + 1, body.predicted(time)
         away = distance(rigid_fit(guess, places), guess) if seen.any() else 0.0
         far, few = not body.fixed and away > FAR * body.spread(radius), len(seen) < 3
-        less = body.doubt > 0 and seen.sum() < min(len(seen), 2)
-        if not seen.any() or less or (far and lead < LEAD):
-            body.lose(max(1.5 * self._fastest, 2 * radius))
+        less = body.doubt > 0 and 2 * seen.sum() <= len(seen)
+        way = max(1.5 * self._fastest, 2 * radius)
+        if not seen.any() or less or (far and one.lead < LEAD):
+            body.lose(way)
             return
-        markers, chosen = body.markers[seen], labels[seen]
+        markers, chosen = body.markers[seen], one.spots[seen]
         found.spots[markers], found.positions[markers] = chosen, places[seen]
         found.likes[markers], found.fills[markers] = found.looks[markers, chosen], spots.fills[chosen]
         found.blur[markers] = streaks(self._looks.spread(spots, markers, chosen))
@@ -206,16 +199,20 @@ class Bodies:
         else:
             body.follow(places, time)
         found.off[markers] = np.linalg.norm(rigid_fit(body.shape, places) - places, axis=1)[seen]
-        if lead < LEAD:
-            body.doubt = body.doubt or 0.5 * one.reach
-        elif body.followed >= AGAIN_FRAMES and not self._rivals(body):
-            body.doubt = body.swing = 0.0
+        body.followed = body.followed + 1 if one.lead >= LEAD else 0
+        if one.lead >= LEAD:
+            if body.doubt == 0.0 or (body.followed >= AGAIN and not self._rivals(body)):
+                body.hold(0.0, 0.0)
+        elif seen.all() or body.fixed:
+            body.hold(max(one.apart, body.spread(radius)), one.turned)
+        else:
+            body.hold(body.doubt + way, body.swing, last)
         if body.doubt == 0.0 and not body.fixed:
             self._fastest = max(self._fastest, distance(body.history[-1][1], last) / frames)
 
     def _rivals(self, body: Body) -> bool:
         """Whether a body of the same shape isn't found again for sure either, and may be what was found."""
-        lost = [one for one in self._bodies if one is not body and one.doubt > 0 and one.followed < AGAIN_FRAMES]
+        lost = [one for one in self._bodies if one is not body and one.doubt > 0 and one.followed < AGAIN]
         alike = [one for one in lost if len(one.shape) == len(body.shape)]
         return any(distance(rigid_fit(one.shape, body.shape), body.shape) < self._radius(body) for one in alike)
 
@@ -232,7 +229,7 @@ class Bodies:
         radii = self._looks.radii
         allowed = 0.3 * radii + 1.0
         confidence = (0.5 + 0.5 * np.minimum(found.fills, 1.0)) * (1 - 0.3 * np.minimum(found.off / allowed, 1.0) ** 2)
-        sure = (found.shares > WHOLE[0]) & (found.shares < WHOLE[1]) & (found.off < allowed)
+        sure = (found.shares > 1 / WHOLE) & (found.shares < WHOLE) & (found.off < allowed)
         return np.where(sure, confidence, np.minimum(confidence, DOUBT))
 
 

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit  # pyright: ignore[reportMissingTypeStubs]
 from numpy.typing import NDArray
 
-from markertrack.tracking.rigid import pairs_of, rigid_fit
-from markertrack.tracking.tracker import Array
+from markertrack.tracking.rigid import distance, pairs_of, rigid_fit, turn
+from markertrack.tracking.tracker import AGAIN, Array
 
 STIFF = 0.1  # rad by which a body may turn in a frame without notice
-FORGET = 0.7  # of a surprise, in each frame
-AGAIN_FRAMES = 3  # that a body must be followed for after it was lost
+FORGET = 0.7  # of a surprise, and of the velocity of a body that isn't seen, that is left in each frame
 _BEND = 0.9  # of the last change of velocity that is expected again
-_FADE = 0.5  # of the velocity that is left in each frame in which a body isn't seen
 
 
 class Body:
@@ -31,9 +28,10 @@ class Body:
         self.shape = places.copy()
         self.pairs = pairs_of(places)
         self.doubt = 0.0
-        self.swing = 0.0  # how far it may have turned while nobody knows how [rad]
+        self.swing = 0.0  # how far it may be turned against them [rad]
+        self.held: Array | None = None  # where it was from where doubt counts; None: by the newest labels [px]
         self.unseen = 0  # frames since it was seen last
-        self.followed = AGAIN_FRAMES  # frames since it was found
+        self.followed = AGAIN  # frames, one after the other, in which nothing else was as likely
         self.surprise = 0.0  # how far it was from where it was expected, lately [px]
         self.history: list[tuple[float, Array]] = [(time, places)]
 
@@ -55,13 +53,7 @@ class Body:
     @property
     def turn(self) -> float:
         """Angle by which it turned between the last two frames in which it was seen [rad]."""
-        if len(self.history) < 2:
-            return 0.0
-        ends = self.pairs[:1, 1], self.pairs[:1, 0]
-        ways = [places[ends[0]] - places[ends[1]] for _, places in self.history[-2:]]
-        return abs(
-            float(np.angle(np.exp(1j * np.diff([np.arctan2(way[:, 1], way[:, 0]) for way in ways], axis=0)).sum()))
-        )
+        return turn(self.history[-2][1], self.history[-1][1]) if len(self.history) > 1 else 0.0
 
     def predicted(self, time: float) -> Array:
         """Where its markers should be [px]. Shape (M, 2)."""
@@ -73,7 +65,7 @@ class Body:
         step = last - earlier
         if self.unseen:  # it slows down, as far as anybody knows
             frames = self.unseen + 1
-            return rigid_fit(self.shape, last + step * span / frames * (1 - _FADE**frames) / (1 - _FADE))
+            return rigid_fit(self.shape, last + step * span / frames * (1 - FORGET**frames) / (1 - FORGET))
         places = last + step * span
         if len(self.history) > 2:
             oldest, first = self.history[-3]
@@ -96,13 +88,13 @@ class Body:
     def follow(self, places: Array, time: float) -> None:
         """Takes in where its markers are seen, NaN where they aren't [px]. Shape (M, 2)."""
         self.unseen = 0
-        self.followed += 1
         if self.fixed:  # it moves with the camera
             self.history = [(time, rigid_fit(self.history[-1][1], places))]
             return
         expected = self.predicted(time)
         moved = rigid_fit(expected, places)  # one marker alone doesn't tell how it is turned
-        self.surprise = max(FORGET * self.surprise, distance(moved, expected))
+        new = distance(moved, expected) if self.doubt == 0.0 else 0.0  # what may be another one's tells nothing
+        self.surprise = max(FORGET * self.surprise, new)
         self.history = [*self.history, (time, rigid_fit(self.shape, moved))][-3:]
 
     def begin(self, places: Array, time: float, surprise: float) -> None:
@@ -116,8 +108,8 @@ class Body:
         before = [one for one in self.history if one[0] != time]
         last = (before or self.history)[-1][1]
         self.history = [*before, (time, rigid_fit(self.shape, rigid_fit(last, places)))][-3:]
-        self.unseen, self.swing, self.surprise = 0, 0.0, 0.0
-        self.doubt = self.spread(radius)
+        self.unseen, self.surprise = 0, 0.0
+        self.hold(self.spread(radius), 0.0)
 
     def lose(self, way: float) -> None:
         """Takes in that it isn't seen, while it may go some way [px]."""
@@ -125,8 +117,18 @@ class Body:
         self.followed = 0
         self.surprise *= FORGET
         if not self.fixed:
-            self.doubt += way
-            self.swing += STIFF + self.turn
+            self.hold(self.doubt + way, self.swing + STIFF + self.turn, self.history[-1][1])
+
+    def hold(self, doubt: float, swing: float, before: Array | None = None) -> None:
+        """Takes in how far others may lie that weren't refuted, from its newest labels or from where it was before.
+
+        Args:
+            doubt: How far [px].
+            swing: How far they may be turned [rad].
+            before: Where its markers were, if the newest labels tell less than that. Shape (M, 2).
+        """
+        self.doubt, self.swing = doubt, swing
+        self.held = before if before is None or self.held is None else self.held
 
     def adapt(self, places: Array, rate: float, firm: float) -> None:
         """Lets the shape follow what is seen: all of it as it tilts, and each marker slowly, or at once if it is soft.
@@ -157,9 +159,3 @@ def affine_fit(shape: Array, places: Array, ridge: float) -> Array:
     arms, ways = shape[known] - middle, (places - shape)[known]
     strain = np.linalg.solve(arms.T @ arms + (ridge + 1e-9) * np.eye(2), arms.T @ ways)
     return shape + ways.mean(axis=0) + (shape - middle) @ strain
-
-
-@njit(cache=True, nogil=True)
-def distance(here: Array, there: Array) -> float:
-    """Root mean square distance of markers [px]."""
-    return float(np.sqrt(((here - there) ** 2).sum() / len(here)))

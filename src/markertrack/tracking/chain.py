@@ -1,6 +1,6 @@
 """What a flexible body tells of the markers along it: their order, and their distances, which change little.
 
-Nothing else connects them, so they are followed as free ones (`free`). Of those that flow doesn't carry on the chain
+Nothing else connects them, so flow follows them (`markers`). Of those that flow doesn't carry on the chain
 tells where they may be, which spots they are, and what can't be one of them.
 """
 
@@ -9,13 +9,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from markertrack.tracking.tracker import Array, Mask
+from markertrack.tracking.rigid import rigid_fit
+from markertrack.tracking.tracker import RATE, Array, Mask
 
 LINK_SHARE = 0.2  # by which the distance of neighbors, and of next neighbors, may be off
 BENT = 2 / np.pi  # of the way along the body, by which two of its markers are apart at least: it is half a circle
-MOST = 0.5  # share of its markers of which more must be found for a body to be believed
 SLACK = 0.15, 1.0, 0.05  # of a radius, px, and of a step, by which a length may be off in any case
-RATE = 0.1  # of a change of a length that is taken in, in each frame
 
 
 class Chain:
@@ -55,7 +54,7 @@ class Chain:
             shape = self._shapes[m]
             away = np.linalg.norm(shape - shape[m], axis=1)
             near = np.median(np.sort(away)[1:3])
-            out[m] = _placed(positions, shape, 1 / (1 + (away / near) ** 2) ** 2)[m]
+            out[m] = rigid_fit(shape, positions, 1 / (1 + (away / near) ** 2) ** 2)[m]
         return out
 
     def reaches(self, far: Array, known: Mask) -> Array:
@@ -136,7 +135,7 @@ class Chain:
         if not sure.any():
             sound = seen.copy()
             sound[a[strain > 1]] = sound[b[strain > 1]] = False
-            return sound & (sound.mean() > MOST)
+            return sound & (2 * sound.sum() > len(sound))
         good, bad = strain <= 1, strain > 1
         while True:
             vouched, refused = np.zeros_like(seen), np.zeros_like(seen)
@@ -191,28 +190,3 @@ def _ways(costs: Array, strains: dict[tuple[int, int], Array], order: list[int])
             best[m] = np.where(better, cost, best[m])
             came[m, better] = np.stack([np.full(number, before), source], axis=1)[better]
     return best, came
-
-
-def _placed(points: Array, before: Array, weights: Array) -> Array:
-    """Where a body of the shape `before` is now, rigidly, by the markers that are known.
-
-    Args:
-        points: Now, NaN for unknown markers [px]. Shape (M, 2).
-        before: The shape [px], NaN where it wasn't known. Shape (M, 2).
-        weights: Weight of each marker. Shape (M,).
-
-    Returns:
-        All markers now [px]. Shape (M, 2).
-    """
-    known = np.isfinite(points).all(axis=1) & np.isfinite(before).all(axis=1)
-    if not known.any():
-        return before
-    w = weights[known] / weights[known].sum()
-    here, there = w @ points[known], w @ before[known]
-    if known.sum() == 1:
-        return before - there + here
-    a, b = points[known] - here, before[known] - there
-    cross, dot = float(w @ (b[:, 0] * a[:, 1] - b[:, 1] * a[:, 0])), float(w @ (b * a).sum(axis=1))
-    turn = np.arctan2(cross, dot)
-    rotation = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])  # for row vectors
-    return (before - there) @ rotation + here

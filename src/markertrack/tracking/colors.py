@@ -8,11 +8,10 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
 from markertrack.tracking.spots import DETAIL
-from markertrack.tracking.tracker import Array, Image
+from markertrack.tracking.tracker import RATE, Array, Image
 
 LEVELS = 16  # of red, green and blue each, that are told apart
 NOISE = 1.0  # of these, of a camera
-RATE = 0.1  # of the colors of a marker that is seen without a doubt, in each frame
 EVEN = 0.5  # likelihood of colors to be the marker's, from which they are rather than not
 
 Colors = NDArray[np.float32]

@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit  # pyright: ignore[reportMissingTypeStubs]
 from numpy.typing import NDArray
 
-from markertrack.tracking.tracker import Array, Image, Mask
+from markertrack.tracking.tracker import RATE, Array, Image, Mask
 
 SURROUNDINGS = 2.0  # radii around a marker that its color is told apart from
 LIGHT = ((np.arange(256) + 0.5) / 256) ** 2.2  # of the levels of a picture
@@ -21,7 +21,6 @@ MIXTURES = 4  # shares of a blurred marker in what is around it
 EDGE, EDGE_WEIGHT = 1.5, 0.2  # px beside the edge of a disc, which isn't known that well, and what they count
 SAMPLES = 1000  # pixels that tell what a marker or its surroundings are like
 RIDGE = 1e-5  # of the squares of the terms, by which a fit is held
-RATE = 0.1  # of what is seen in a frame that is taken in
 NOISE = 0.1, 0.5  # least and largest of coverage
 DEVIATIONS = 2.5  # of coverage beside a marker that are noise
 LEAST = 0.2  # coverage of a marker above that of what is around it, by which it is scaled
@@ -95,16 +94,6 @@ def polynomials(known: Array) -> Array:
 
 
 @njit(cache=True, nogil=True)
-def coverages(image: Image, weights: Array) -> NDArray[np.float32]:
-    """Coverage of each pixel of a picture, from 0 to 1. Shape (H, W)."""
-    out = np.empty(image.shape[:2], dtype=np.float32)
-    for i in range(image.shape[0]):
-        for j in range(image.shape[1]):
-            out[i, j] = covered(image, i, j, weights)
-    return out
-
-
-@njit(cache=True, nogil=True)
 def _terms(red: float, green: float, blue: float, out: Array) -> None:
     """Fills in the terms of a color from 0 to 1. Shape (20,)."""
     n, r = 0, 1.0
@@ -132,14 +121,6 @@ def covered(image: Image, i: int, j: int, w: Array) -> float:
 
 
 @njit(cache=True, nogil=True)
-def _product(terms: Array, weight: float, sums: Array) -> None:
-    """Adds the products of a pixel's terms."""
-    for p in range(TERMS):
-        for q in range(TERMS):
-            sums[p, q] += weight * terms[p] * terms[q]
-
-
-@njit(cache=True, nogil=True)
 def moments(image: Image, points: Array, radii: Array, markers: NDArray[np.int64], unsure: float) -> Array:
     """What a fit needs: mean products of the terms on and off some markers, and with a disc; mean terms on them.
 
@@ -155,17 +136,20 @@ def moments(image: Image, points: Array, radii: Array, markers: NDArray[np.int64
     Returns:
         Columns `ON`, `OFF`, `DISC`, `CORE`. Shape (K, 20, 42).
     """
-    out, terms = np.zeros((len(markers), TERMS, 2 * TERMS + 2)), np.empty(TERMS)
-    sums, discs, totals = np.empty((3, TERMS, TERMS)), np.empty((3, TERMS)), np.empty(3)
-    own, mixed = np.empty(3), np.empty(3)
+    out = np.zeros((len(markers), TERMS, 2 * TERMS + 2))
+    room = 4 * SAMPLES + int(8 * (SURROUNDINGS * radii.max() + 2 * unsure + 1))  # and those on the edge
+    terms, weights, shares = np.empty((3, room, TERMS)), np.empty((3, room)), np.empty((3, room))
+    own, mixed, count = np.empty(3), np.empty(3), np.empty(3, dtype=np.int64)
     for k in range(len(markers)):
         m = markers[k]
         x, y = points[m]
         radius = radii[m]
+        around = SURROUNDINGS * radius + 2 * unsure + 1
+        near = np.flatnonzero(np.sqrt((points[:, 0] - x) ** 2 + (points[:, 1] - y) ** 2) < 2 * around + radii)
         inner, outer = max(radius - unsure, 0.4 * radius), radius + unsure
-        sums[:], discs[:], totals[:], own[:] = 0.0, 0.0, 0.0, 0.0
+        count[:], own[:], total = 0, 0.0, 0.0
         for part in range(2):  # on it and beside it
-            far = radius + 0.5 if part == 0 else SURROUNDINGS * radius + 2 * unsure + 1
+            far = radius + 0.5 if part == 0 else around
             step = max(1, int(np.sqrt(np.pi * far * far / SAMPLES)))
             for i in range(max(int(y - far), 0), min(int(y + far) + 2, image.shape[0]), step):
                 for j in range(max(int(x - far), 0), min(int(x + far) + 2, image.shape[1]), step):
@@ -174,37 +158,34 @@ def moments(image: Image, points: Array, radii: Array, markers: NDArray[np.int64
                     if away > far or (share > 0.5) != (part == 0) or (unsure > 0 and inner < away < outer):
                         continue
                     mine = True
-                    for n in range(len(points)):
+                    for n in near:
                         other = np.sqrt((j - points[n, 0]) ** 2 + (i - points[n, 1]) ** 2)
                         if n != m and (other < away or other < radii[n] + unsure + 1):
                             mine = False
                     if not mine:
                         continue
-                    weight = EDGE_WEIGHT if abs(away - radius) < EDGE else 1.0
-                    color = image[i, j]
-                    _terms((color[0] + 0.5) / 256, (color[1] + 0.5) / 256, (color[2] + 0.5) / 256, terms)
-                    _product(terms, weight, sums[part])
-                    for n in range(TERMS):
-                        discs[part, n] += weight * share * terms[n]
-                        out[k, n, CORE] += share * share * terms[n] if part == 0 else 0.0
-                    totals[part] += weight
+                    weight, color = EDGE_WEIGHT if abs(away - radius) < EDGE else 1.0, image[i, j]
+                    red, green, blue = (color[0] + 0.5) / 256, (color[1] + 0.5) / 256, (color[2] + 0.5) / 256
+                    _terms(red, green, blue, terms[part, count[part]])
+                    weights[part, count[part]], shares[part, count[part]] = weight, share
+                    count[part] += 1
                     if part == 0:
+                        total += weight
                         for c in range(3):
-                            own[c] += weight * LIGHT[image[i, j, c]]
-                    elif weight == 1.0 and totals[0] > 0:  # as it would be where the marker is blurred
-                        share = (1 + int(totals[2]) % MIXTURES) / (MIXTURES + 1)
+                            own[c] += weight * LIGHT[color[c]]
+                    elif weight == 1.0 and total > 0:  # as it would be where the marker is blurred
+                        share = (1 + count[2] % MIXTURES) / (MIXTURES + 1)
                         for c in range(3):
-                            light = share * own[c] / totals[0] + (1 - share) * LIGHT[image[i, j, c]]
-                            mixed[c] = light ** (1 / 2.2)
-                        _terms(mixed[0], mixed[1], mixed[2], terms)
-                        _product(terms, 1.0, sums[2])
-                        for n in range(TERMS):
-                            discs[2, n] += share * terms[n]
-                        totals[2] += 1.0
-        for part in range(2):
-            out[k, :, part * TERMS : (part + 1) * TERMS] = sums[part] / max(totals[part], 1e-9)
-            out[k, :, DISC] += discs[part] / max(totals[part], 1e-9)
-        out[k, :, ON] += sums[2] / max(totals[2], 1.0)
-        out[k, :, DISC] += discs[2] / max(totals[2], 1.0)
-        out[k, :, CORE] /= max(out[k, 0, CORE], 1e-9)  # the first term is 1
+                            mixed[c] = (share * own[c] / total + (1 - share) * LIGHT[color[c]]) ** (1 / 2.2)
+                        _terms(mixed[0], mixed[1], mixed[2], terms[2, count[2]])
+                        weights[2, count[2]], shares[2, count[2]] = 1.0, share
+                        count[2] += 1
+        for part in range(3):
+            seen, disc, counts = terms[part, : count[part]], shares[part, : count[part]], weights[part, : count[part]]
+            weighed = np.ascontiguousarray((seen * (counts / max(counts.sum(), 1e-9)).reshape(-1, 1)).T)
+            first = TERMS if part == 1 else 0
+            out[k, :, first : first + TERMS] += weighed @ seen
+            out[k, :, DISC] += weighed @ disc
+            if part == 0:
+                out[k, :, CORE] = (disc**2 / max((disc**2).sum(), 1e-9)) @ seen
     return out

@@ -19,8 +19,8 @@ PEAK = 0.5  # of what is covered most of a spot or streak: its border
 MOST_MARKERS = 12  # in one spot; what is larger is no marker
 MOST_STREAK = 10.0  # radii
 MOST_RIM = 0.25  # share of a spot's rim where coverage rises again, or isn't half of what it is inside, or its box ends
-MOST_CLIMB = 8  # steps of half a radius
 _LLOYD_ROUNDS = 10
+OUTSIDE, FREE, SPOT, SEEN = range(4)  # marks of pixels: in no box, in one, in a spot, looked at else
 
 Shares = NDArray[np.float32]
 
@@ -29,15 +29,14 @@ Shares = NDArray[np.float32]
 def spots_of(image: Image, weights: Array, boxes: NDArray[np.int64], radii: Array, alone: bool) -> Array:
     """Center, area, moments and fill of every spot of one kind. Shape (P, 7)."""
     height, width = image.shape[0], image.shape[1]
-    shares = np.full((height, width), -1.0, dtype=np.float32)  # in no box: -1
-    marks = np.zeros((height, width), dtype=np.int8)
+    shares, marks = np.empty((height, width), dtype=np.float32), np.zeros((height, width), dtype=np.int8)  # OUTSIDE
     for box in range(len(boxes)):
         left, top, right, bottom = boxes[box]
         own = weights[box]
         for i in range(max(top, 0), min(bottom, height)):
             for j in range(max(left, 0), min(right, width)):
-                if shares[i, j] < 0.0:
-                    shares[i, j] = covered(image, i, j, own)
+                if marks[i, j] == OUTSIDE:
+                    marks[i, j], shares[i, j] = FREE, covered(image, i, j, own)
     least, most = np.pi * radii.min() ** 2, np.pi * radii.max() ** 2
     disc = np.pi * (radii * radii).mean()
     radius = np.sqrt(disc / np.pi)
@@ -51,7 +50,7 @@ def spots_of(image: Image, weights: Array, boxes: NDArray[np.int64], radii: Arra
         noise = weights[box, TERMS]
         for i in range(max(top, 0), min(bottom, height), step):
             for j in range(max(left, 0), min(right, width), step):
-                if marks[i, j] or shares[i, j] < noise:
+                if marks[i, j] != FREE or shares[i, j] < noise:
                     continue
                 row, column = _summit(shares, marks, i, j, radius)
                 size, rim = _flooded(shares, marks, noise, row, column, pixels, inside, lowest)
@@ -79,15 +78,14 @@ def _summit(shares: Shares, marks: NDArray[np.int8], row: int, column: int, radi
     height, width = marks.shape
     reach = max(1, int(0.5 * radius))
     best = shares[row, column]
-    for _ in range(MOST_CLIMB):
+    while True:
         at_row, at_column = row, column
         for i in range(max(at_row - reach, 0), min(at_row + reach + 1, height)):
             for j in range(max(at_column - reach, 0), min(at_column + reach + 1, width)):
-                if not marks[i, j] and shares[i, j] > best:
+                if marks[i, j] == FREE and shares[i, j] > best:
                     best, row, column = shares[i, j], i, j
         if (row, column) == (at_row, at_column):
-            break
-    return row, column
+            return row, column
 
 
 @njit(cache=True, nogil=True)
@@ -98,11 +96,10 @@ def _flooded(
     """Number of the covered pixels that are downhill of a summit, or as many as there is room for.
 
     Where coverage rises again another marker begins, or what is beyond the edge of a body. The share of the rim where
-    it does, or isn't down to half of the summit's, or where no box is, is given as well. What is in a spot is marked
-    with 1, what was looked at else with 2.
+    it does, or isn't down to half of the summit's, or where no box is, is given as well.
     """
     height, width = marks.shape
-    marks[row, column] = 1
+    marks[row, column] = SPOT
     pixels[0, 0], pixels[0, 1] = column, row
     inside[0] = lowest[0] = shares[row, column]
     size, done = 1, 0
@@ -111,12 +108,12 @@ def _flooded(
         done += 1
         for k in range(4):
             j, i = x + (k == 0) - (k == 1), y + (k == 2) - (k == 3)
-            if not (0 <= i < height and 0 <= j < width) or marks[i, j] or shares[i, j] < 0.0:
+            if not (0 <= i < height and 0 <= j < width) or marks[i, j] != FREE:
                 continue
             share = shares[i, j] if shares[i, j] >= noise else 0.0
             if share > lowest[done - 1] + NOISE[0]:
                 continue
-            marks[i, j] = 1 if share > 0.0 else 2
+            marks[i, j] = SPOT if share > 0.0 else SEEN
             if share == 0.0:
                 continue
             if size == len(pixels):
@@ -130,9 +127,9 @@ def _flooded(
         x, y = pixels[n]
         for k in range(4):
             j, i = x + (k == 0) - (k == 1), y + (k == 2) - (k == 3)
-            if not (0 <= i < height and 0 <= j < width) or marks[i, j] == 1:
+            if not (0 <= i < height and 0 <= j < width) or marks[i, j] == SPOT:
                 continue
-            if marks[i, j] == 2 and shares[i, j] < PEAK * inside[0]:
+            if marks[i, j] == SEEN and shares[i, j] < PEAK * inside[0]:
                 free += 1
             else:
                 higher += 1

@@ -15,12 +15,11 @@ from numpy.typing import NDArray
 from markertrack.tracking.labeling import find_blobs
 from markertrack.tracking.patches import Patches
 from markertrack.tracking.radii import LEAST_DETAIL, own_radii
-from markertrack.tracking.spots import SHARP, SpotFinder, Spots, streak_lengths
+from markertrack.tracking.spots import MOST_UNEQUAL, SHARP, SpotFinder, Spots, streak_lengths
 from markertrack.tracking.tags import dictionary_at
-from markertrack.tracking.tracker import Array, Image, Mask, check_points, contradict, inside
+from markertrack.tracking.tracker import RATE, Array, Image, Mask, check_points, contradict, inside
 from swimbase.errors import TrackingError
 
-OWN_AREAS = (0.4, 2.4)  # of a disc of a marker's radius, within which a spot at its point is the marker
 CLICK_SHARE = 0.7  # of the radius by which a point may be beside the spot's center
 LONGEST = 3.0  # ratio of the axes of a marker
 PICTURE_RADIUS = 12.0  # px of a marker that is known by its picture, if there is room
@@ -28,13 +27,13 @@ BESIDE = 5.0  # radii within which a spot that wasn't clicked is named
 NEARBY = 8.0  # radii, besides its step, within which a marker is looked for by its picture
 MOST_STREAK = 1.3  # of a marker's step, with a shutter that is always open and a speed that changes
 LIKE = 0.5  # likeness of a spot, below which the marker is looked for by its picture
-GROWTH = 0.1  # of a change of a marker's area that is taken in, in each frame
-SHAPE_RATE = 0.03  # of a change of its shape, likewise
+SHAPE_RATE = 0.03  # of a change of its shape that is taken in, in each frame
 SOFT = 1.0  # px² by which blur spreads a spot
 ROOMS = 1.5, 2.7  # radii around a point, to each side, that its spot may fill
 LEAST_SOLIDITY = 0.9  # of a marker's spot: less has a part of something else
-RING_SHARE, RING_UNEVEN, LEAST_RING = 0.15, 0.15, 0.6  # of a radius beside the point, of the variance, and solidity
-SOLID_AGAIN, MOST_CHANGE = 0.85, 1.4  # solidity and change of the area of a spot that is picked again
+RING_SHARE, LEAST_RING = 0.15, 0.6  # of a radius beside the point and of the variance, and solidity
+WHOLE = 1.4  # ratio of areas up to which a spot is neither partly hidden nor more than one
+SOLID_AGAIN = 0.85  # solidity of a spot that is picked again
 BESIDE_AGAIN = 0.4  # radii by which it may be beside the place
 CLICK_ERROR = 3.0  # px that a picked point may be off
 ROUNDS = 2  # of measuring colors and radius anew
@@ -117,7 +116,7 @@ class Looks:
             places: Where the markers are expected, if those that touch are to be told apart by it [px]. Shape (M, 2).
         """
         spots = self._finder.find(image, np.where(self.plain[:, None], boxes, 0), MOST_STREAK * ways)
-        if places is None:
+        if places is None or np.isfinite(places[:, 0]).sum() < 2:
             return spots
         _, apart = self._finder.apart(image, np.where(self.plain[:, None], places, np.nan))
         away = np.linalg.norm(spots.centers[:, None] - apart.centers, axis=2)
@@ -154,15 +153,15 @@ class Looks:
         finder = SpotFinder(image, place[None], radius)
         own = _own(finder, image, place[None], radius, ROOMS[0])
         share, beside = float(own.areas[0] / self._areas[marker]), float(np.hypot(*(own.centers[0] - place)))
-        same = 1 / MOST_CHANGE < share < MOST_CHANGE and beside <= BESIDE_AGAIN * radius[0] + 0.5
+        same = 1 / WHOLE < share < WHOLE and beside <= BESIDE_AGAIN * radius[0] + 0.5
         if own.solidity[0] < SOLID_AGAIN or not same:
             return None
         ours = self._finder
         if not self.plain[marker]:
             self.plain[marker], ours.kinds[marker] = True, ours.kinds.max() + 1
         ours.coverage.take(marker, finder.coverage)
-        self._areas[marker] *= 1 + GROWTH * (share - 1)
-        self._moments[marker] += GROWTH * (own.moments[0] - self._moments[marker])
+        self._areas[marker] *= 1 + RATE * (share - 1)
+        self._moments[marker] += RATE * (own.moments[0] - self._moments[marker])
         return own.centers[0]
 
     def likeness(self, spots: Spots, last: Array, steps: Array) -> Array:
@@ -214,7 +213,7 @@ class Looks:
         """
         positions, ways = np.full_like(self.points, np.nan), np.zeros_like(self.points)
         positions[markers], ways[markers] = spots.centers[chosen], blur
-        change = GROWTH * (spots.areas[chosen] / self._areas[markers] - 1)
+        change = RATE * (spots.areas[chosen] / self._areas[markers] - 1)
         self._areas[markers] *= 1 + change
         self._moments[markers] *= 1 + change[:, None]
         self._resize()
@@ -286,13 +285,13 @@ def _own(finder: SpotFinder, image: Image, points: Array, radii: Array, room: fl
     share = area / (np.pi * radii**2)
     good = finder.coverage.clear & (away.min(axis=1) < CLICK_SHARE * radii + 1.0)
     if settled:
-        good &= (share > OWN_AREAS[0]) & (share < OWN_AREAS[1])
+        good &= share < MOST_UNEQUAL**2
     good &= mean + half < LONGEST**2 * _across(moments)
     good &= np.bincount(own[good], minlength=len(spots))[own] <= 1
     spread = 4 * np.pi * (np.sqrt(np.maximum(mean**2 - half**2, 0)) - SOFT) / area
     solidity = 1 / np.maximum(spread, 1.0)
     # a ring, or a disc with a hub: round about the point
-    ring = (away.min(axis=1) < RING_SHARE * radii + 1.0) & (half < RING_UNEVEN * mean) & (solidity > LEAST_RING)
+    ring = (away.min(axis=1) < RING_SHARE * radii + 1.0) & (half < RING_SHARE * mean) & (solidity > LEAST_RING)
     return _Own(spots.centers[own], area, moments, np.where(good, np.where(ring, 1.0, solidity), 0.0))
 
 

@@ -22,21 +22,19 @@ from markertrack.tracking.colors import OwnColors
 from markertrack.tracking.flow import Flow, Moves
 from markertrack.tracking.looks import LIKE, NEARBY, Looks, squares
 from markertrack.tracking.spots import Spots
-from markertrack.tracking.tracker import DOUBT, REASONS, Array, Image, Mask, check_order, contradict, inside
+from markertrack.tracking.tracker import AGAIN, DOUBT, REASONS, Array, Image, Mask, check_order, contradict, inside
 
 CERTAIN, RIGHT, LIKELY = 1.0, 0.9, 0.8  # confidence by spot, own spot, spot elsewhere
 MOST_OFF = 1.0, 0.1  # px, or radii, by which a marker's points may disagree
 NEAR = 0.6, 2.0  # radii and px from where it was carried within which its spot lies
 FAR = 1.5  # radii within which one is looked for that wasn't carried, besides how it may have moved
 SMALL = 5.0  # px radius, below which a picture tells the place of a marker better than flow does
-AGAIN = 2  # frames that a marker must be seen in one after the other, after it was lost
 CLEAR = 0.65  # likeness of a spot, below which it is measured anew in its colors of now
 REPEATED = 0.02  # px that nothing moves by in a picture that repeats the last one
 SAME, SURELY = 0.75, 0.85  # correlation with its picture where it was carried to, and elsewhere
 RATIO = 0.5  # of the distance to another marker or spot that may be meant as well
 HALF = 4 / (3 * np.pi)  # radii from the edge of a picture at which the center of half a marker is
 NEVER = 1e3  # cost of what a marker can't be
-MARGIN = 0.5  # of the costs of `Chain.fit`, above which a marker is rather that spot than not
 AHEAD = 0.5  # of its step by which a marker may be beside where it is expected
 STREAK = 2.0  # radii that a marker of a body moves in a frame, from which on it may be a streak
 SLOWER = 0.9  # of the speed, and of the largest one, that is left in each frame in which it isn't seen
@@ -225,7 +223,7 @@ class MarkerTracker:
             alone[marker], more[marker] = off < RATIO * others.min(initial=np.inf), free.any()
         chosen[carried & ~alone] = -1
         if linked:
-            alone, more[~carried], rivals[~carried] = np.where(carried, alone, margins > MARGIN), False, False
+            alone, more[~carried], rivals[~carried] = np.where(carried, alone, margins > 1), False, False
         like = np.where(chosen >= 0, like[np.arange(len(like)), chosen], 0.0)
         return _Found(spots, chosen, like, alone, more, rivals, reach)
 

@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from markertrack.tracking.tracker import Array, Image
 
 RIM = 1.6  # radii of a marker's picture
-LEAST_SCORE = 0.6  # of a peak that is worth a second look
 STEP_TURN, STEP_SIZE = np.deg2rad(8), 1.06  # by which a picture is tried turned, and larger or smaller
 SIZES = 0.4, 2.5  # of the first picture, at most
 GOOD_SCORE = 0.9  # with which a picture isn't tried turned or resized
@@ -191,7 +190,7 @@ def _peaks(scores: Picture, window: Picture, place: Array, patch: _Patch) -> lis
     found: list[_Peak] = []
     for _ in range(MOST_PEAKS):
         row, column = np.unravel_index(int(np.argmax(near)), near.shape)
-        if scores[row, column] < max(LEAST_SCORE, found[0].score - MOST_WORSE if found else 0.0):
+        if scores[row, column] < (found[0].score - MOST_WORSE if found else 0.0):
             break
         inside = 0 < row < len(scores) - 1 and 0 < column < len(scores) - 1
         if inside and _contrast(window[row : row + side, column : column + side], mask) > least:
