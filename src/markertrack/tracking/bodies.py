@@ -179,7 +179,7 @@ class Bodies:
         last, frames, guess = body.history[-1][1], body.unseen + 1, body.predicted(time)
         away = distance(rigid_fit(guess, places), guess) if seen.any() else 0.0
         far, few = not body.fixed and away > FAR * body.spread(radius), len(seen) < 3
-        less = body.doubt > 0 and 2 * seen.sum() <= len(seen)
+        less = body.doubt > 0 and seen.sum() < min(len(seen), 2)
         way = max(1.5 * self._fastest, 2 * radius)
         if not seen.any() or less or (far and one.lead < LEAD):
             body.lose(way)
