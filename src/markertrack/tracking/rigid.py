@@ -5,6 +5,9 @@ two onto two. A way to label the markers costs something for each marker without
 and for being far from where the body was expected. The bodies together take the cheapest ways in which no spot is two
 markers. How much more the next one would cost, in which a marker or a spot has another partner, says how sure that is:
 a row of equal markers can be mistaken by one spacing, and only its ends tell.
+
+Of a body in doubt two costs are known. By the one its last labels are preferred, by the other they are as good as any
+that are no farther from where it was last held than it may have gone: what was assumed is no evidence for itself.
 """
 
 from __future__ import annotations
