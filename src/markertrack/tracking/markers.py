@@ -274,7 +274,7 @@ class MarkerTracker:
                     self._looks.learn_picture(image, m, place)
                     self._drifted[m] += place - peak
             elif chosen[m] >= 0:
-                known = (whole and score > SAME) or (near and told)
+                known = whole and score > SAME
                 positions[m], confidence[m] = place, LIKELY if known and found.alone[m] else DOUBT
             elif score > SURELY and not told:
                 again = self._looks.pick_again(image, m, peak) if only else None
