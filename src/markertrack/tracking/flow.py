@@ -48,7 +48,6 @@ class Flow:
         self._last = {1: _gray(image)}
         across = np.linspace(-RIM, RIM, ACROSS)
         grid = np.stack(np.meshgrid(across, across), axis=-1).reshape(-1, 2)
-        grid = grid[np.argsort(np.hypot(*grid.T), kind="stable")]  # of points that are as good, the innermost count
         self._disc = grid[np.hypot(*grid.T) <= RIM]
 
     def follow(self, image: Image, places: Array, radii: Array, steps: Array) -> Moves:
@@ -91,16 +90,15 @@ class Flow:
         there, seen = _flow(first, second, points, points + guess, window)
         back, again = _flow(second, first, there, there - guess, window)
         off = np.where(seen & again, share * np.linalg.norm(back - points, axis=2), np.inf)
-        half = np.argsort(off, axis=1, kind="stable")[:, : (off.shape[1] + 1) // 2, None]
-        before, after = (
-            np.take_along_axis(share * one.astype(np.float64) + shift, half, axis=1) for one in (points, there)
-        )
-        steps, growths, spreads = _median_moves(before, after, places[of])
-        errors = np.median(off, axis=1) + spreads
-        order = np.argsort(-errors, kind="stable")  # the best one of a marker last
-        order = order[errors[order] < best.errors[of[order]]]
-        best.steps[of[order]], best.growths[of[order]] = steps[order], growths[order]
-        best.errors[of[order]] = errors[order]
+        points, there = share * points + shift, share * there + shift
+        for marker, before, after, errors in zip(of.tolist(), points, there, off, strict=True):
+            middle = float(np.median(errors))
+            if not np.isfinite(middle):
+                continue
+            good = errors <= middle
+            step, growth, spread = _median_move(before[good], after[good], places[marker])
+            if middle + spread < best.errors[marker]:
+                best.steps[marker], best.growths[marker], best.errors[marker] = step, growth, middle + spread
 
 
 def _gray(image: Image) -> Picture:
@@ -133,12 +131,13 @@ def _flow(
     return there, status.reshape(points.shape[:2]) > 0
 
 
-def _median_moves(before: Array, after: Array, places: Array) -> tuple[Array, Array, Array]:
-    """Median steps (K, 2) and growths (K,) of points (K, N, 2), and how far the median one of each is off them [px]."""
-    ways = after - before
-    steps = np.median(ways, axis=1)
-    first, second = np.triu_indices(before.shape[1], 1)
-    lengths, now = (np.linalg.norm(one[:, first] - one[:, second], axis=2) for one in (before, after))
-    growths = np.clip(np.median(now / np.maximum(lengths, 1e-6), axis=1), 1 / MOST_GROWTH, MOST_GROWTH)
-    off = ways - steps[:, None] - (growths[:, None, None] - 1) * (before - places[:, None])
-    return steps, growths, np.median(np.linalg.norm(off, axis=2), axis=1)
+def _median_move(before: Array, after: Array, place: Array) -> tuple[Array, float, float]:
+    """Median step (2,) and growth of points (N, 2), and how far their median one is off it [px]."""
+    steps = after - before
+    step = np.median(steps, axis=0)
+    first, second = np.triu_indices(len(before), 1)
+    lengths = np.linalg.norm(before[first] - before[second], axis=1)
+    growth = np.median(np.linalg.norm(after[first] - after[second], axis=1) / np.maximum(lengths, 1e-6))
+    growth = float(np.clip(growth, 1 / MOST_GROWTH, MOST_GROWTH))
+    off = np.linalg.norm(steps - step - (growth - 1) * (before - place), axis=1)
+    return step, growth, float(np.median(off))

@@ -35,6 +35,7 @@ SAME, SURELY = 0.75, 0.85  # correlation with its picture where it was carried t
 RATIO = 0.5  # of the distance to another marker or spot that may be meant as well
 HALF = 4 / (3 * np.pi)  # radii from the edge of a picture at which the center of half a marker is
 NEVER = 1e3  # cost of what a marker can't be
+MARGIN = 0.5  # of the costs of `Chain.fit`, above which a marker is rather that spot than not
 AHEAD = 0.5  # of its step by which a marker may be beside where it is expected
 STREAK = 2.0  # radii that a marker of a body moves in a frame, from which on it may be a streak
 SLOWER = 0.9  # of the speed, and of the largest one, that is left in each frame in which it isn't seen
@@ -223,7 +224,7 @@ class MarkerTracker:
             alone[marker], more[marker] = off < RATIO * others.min(initial=np.inf), free.any()
         chosen[carried & ~alone] = -1
         if linked:
-            alone, more[~carried], rivals[~carried] = np.where(carried, alone, margins > 1), False, False
+            alone, more[~carried], rivals[~carried] = np.where(carried, alone, margins > MARGIN), False, False
         like = np.where(chosen >= 0, like[np.arange(len(like)), chosen], 0.0)
         return _Found(spots, chosen, like, alone, more, rivals, reach)
 
@@ -274,7 +275,7 @@ class MarkerTracker:
                     self._looks.learn_picture(image, m, place)
                     self._drifted[m] += place - peak
             elif chosen[m] >= 0:
-                known = whole and score > SAME
+                known = (whole and score > SAME) or (near and told)
                 positions[m], confidence[m] = place, LIKELY if known and found.alone[m] else DOUBT
             elif score > SURELY and not told:
                 again = self._looks.pick_again(image, m, peak) if only else None
