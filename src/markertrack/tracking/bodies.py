@@ -171,9 +171,7 @@ class Bodies:
                 laid[body.markers] = body.history[-1][1]
         return Placed(found.positions, confidence, laid)
 
-    def _take(
-        self, body: Body, spots: Spots, one: Labeled, found: _Found, time: float
-    ) -> None:  # fmt: skip
+    def _take(self, body: Body, spots: Spots, one: Labeled, found: _Found, time: float) -> None:
         """Takes in what one body's labels are: where it is, or that it is lost, and whether that is certain."""
         places, seen, radius = one.places, one.spots >= 0, self._radius(body)
         last, frames, guess = body.history[-1][1], body.unseen + 1, body.predicted(time)

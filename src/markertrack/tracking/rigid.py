@@ -106,7 +106,7 @@ def pairs_of(shape: Array) -> NDArray[np.int64]:
 
 @njit(cache=True, nogil=True)
 def rigid_fit(shape: Array, places: Array, weights: Array | None = None) -> Array:
-    """The shape where its rigid motion comes closest to the places; NaN in these is left out. Shape (M, 2)."""
+    """The shape (M, 2) where its rigid motion comes closest to places (M, 2), NaN left out, by weights (M,)."""
     known = np.isfinite(places[:, 0])
     if not known.any():
         return shape.copy()
