@@ -22,8 +22,7 @@ from markertrack.tracking.tracker import DOUBT, Array, Tracker
 from markertrack.tracklets import ENDS, Motion, Things, Tracklet, belonging, known_stretches
 from markertrack.video import Frame, most_frames
 
-SETTLED = 5  # frames in which all markers are certain, after which a break is over
-BEFORE = ENDS + 1  # frames before a break, which tell how markers moved
+BEFORE = ENDS + 1  # frames in which all are certain: after a break it is over, before one they tell how markers moved
 SURE = 0.9  # that a thing is a marker which was lost
 
 Seen = tuple[Frame, Array, Array]
@@ -62,7 +61,7 @@ def both_ways(tracker: Tracker, frames: Iterable[Frame], points: Array) -> Itera
         if settled >= len(kept) or not isinstance(tracker, MarkerTracker):
             yield from kept[:-BEFORE]
             del kept[:-BEFORE]
-        elif settled == SETTLED or len(kept) == most_frames(*frame.image.shape[1::-1]):
+        elif settled == BEFORE or len(kept) == most_frames(*frame.image.shape[1::-1]):
             kept = _looked_back(tracker, kept, clock, past, motion)
             past = _earlier(past, kept)
             yield from kept[:-BEFORE]

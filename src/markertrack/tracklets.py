@@ -20,11 +20,11 @@ from scipy.optimize import linear_sum_assignment
 from scipy.sparse.csgraph import connected_components
 
 from markertrack.quality import DOUBTFUL, runs
-from markertrack.tracking.colors import EVEN, OwnColors
+from markertrack.tracking.colors import OwnColors
 from markertrack.tracking.flow import STILL, Flow
-from markertrack.tracking.looks import LIKE, Looks
+from markertrack.tracking.looks import Looks
 from markertrack.tracking.markers import MOST_OFF
-from markertrack.tracking.tracker import AGAIN, AGREE, Array, Image, Mask, contradict
+from markertrack.tracking.tracker import AGAIN, AGREE, EVEN, Array, Image, Mask, contradict
 
 ENDS = 3  # steps that tell the velocity of a thing at its ends
 MOST = 1000  # tracklets that are linked: those that last longest
@@ -126,7 +126,7 @@ class Things:
         spots = self._looks.find(image, np.array([[0, 0, *image.shape[1::-1]]]))
         like = self._looks.likeness(spots, self._looks.points, np.full(1, np.inf))[0]
         order = np.argsort(-like, kind="stable")
-        return spots.centers[order[like[order] > LIKE]]
+        return spots.centers[order[like[order] > EVEN]]
 
     def _followed(self, image: Image, places: Array) -> list[Tracklet | None]:
         """What flow leads to each of places (P, 2)."""

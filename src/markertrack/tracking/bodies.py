@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markertrack.tracking.body import STIFF, Body
-from markertrack.tracking.looks import WHOLE, Looks, squares
+from markertrack.tracking.looks import Looks, squares
 from markertrack.tracking.rigid import LEAD, Expected, Labeled, distance, label, rigid_fit
-from markertrack.tracking.spots import Spots, streaks
+from markertrack.tracking.spots import WHOLE, Spots, streaks
 from markertrack.tracking.tracker import AGAIN, DOUBT, Array, Image, Mask, inside
 
 FAR = 4.0  # times how far a body may easily be from where it is expected: a push, or a mistake

@@ -8,11 +8,10 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
 from markertrack.tracking.spots import DETAIL
-from markertrack.tracking.tracker import RATE, Array, Image
+from markertrack.tracking.tracker import EVEN, RATE, Array, Image
 
 LEVELS = 16  # of red, green and blue each, that are told apart
 NOISE = 1.0  # of these, of a camera
-EVEN = 0.5  # likelihood of colors to be the marker's, from which they are rather than not
 
 Colors = NDArray[np.float32]
 

@@ -1,7 +1,7 @@
 """Finds spots where a marker covers the picture, by flooding downhill from where it covers most, and measures them.
 
-Where coverage rises again another marker begins, or what is beyond the edge of a body. A spot that has the area of
-several markers is split among them.
+Where coverage rises again another marker begins, or what is beyond the edge of a body. Markers that touch may be one
+spot: only where each is expected tells them apart (`together`).
 """
 
 from __future__ import annotations
@@ -11,13 +11,8 @@ from numba import njit  # pyright: ignore[reportMissingTypeStubs]
 from numpy.typing import NDArray
 
 from markertrack.tracking.coverage import NOISE, TERMS, covered
-from markertrack.tracking.tracker import Array, Image
+from markertrack.tracking.tracker import EVEN, Array, Image
 
-LEAST_AREA, MOST_AREA = 0.5, 1.6  # of the smallest marker's of a kind, and of the largest
-LEAST_FILL = 0.45  # of the coverage that a streak of this length should have
-PEAK = 0.5  # of what is covered most of a spot or streak: its border
-MOST_MARKERS = 12  # in one spot; what is larger is no marker
-MOST_STREAK = 10.0  # radii
 MOST_RIM = 0.25  # share of a spot's rim where coverage rises again, or isn't half of what it is inside, or its box ends
 _LLOYD_ROUNDS = 10
 OUTSIDE, FREE, SPOT, SEEN = range(4)  # marks of pixels: in no box, in one, in a spot, looked at else
@@ -26,7 +21,7 @@ Shares = NDArray[np.float32]
 
 
 @njit(cache=True, nogil=True)
-def spots_of(image: Image, weights: Array, boxes: NDArray[np.int64], radii: Array, alone: bool) -> Array:
+def spots_of(image: Image, weights: Array, boxes: NDArray[np.int64], radii: Array) -> Array:
     """Center, area, moments and fill of every spot of one kind. Shape (P, 7)."""
     height, width = image.shape[0], image.shape[1]
     shares, marks = np.empty((height, width), dtype=np.float32), np.zeros((height, width), dtype=np.int8)  # OUTSIDE
@@ -37,13 +32,11 @@ def spots_of(image: Image, weights: Array, boxes: NDArray[np.int64], radii: Arra
             for j in range(max(left, 0), min(right, width)):
                 if marks[i, j] == OUTSIDE:
                     marks[i, j], shares[i, j] = FREE, covered(image, i, j, own)
-    least, most = np.pi * radii.min() ** 2, np.pi * radii.max() ** 2
-    disc = np.pi * (radii * radii).mean()
-    radius = np.sqrt(disc / np.pi)
+    radius = np.sqrt((radii * radii).mean())
     step = max(1, int(0.6 * radii.min()))
     out = np.empty((64, 7))
     count = 0
-    pixels = np.empty((int(MOST_MARKERS * (most + 2 * radii.max() * MOST_STREAK * radii.max())), 2), dtype=np.int32)
+    pixels = np.empty(((marks == FREE).sum(), 2), dtype=np.int32)
     inside, lowest = np.empty(len(pixels)), np.empty(len(pixels))
     for box in range(len(boxes)):
         left, top, right, bottom = boxes[box]
@@ -54,21 +47,12 @@ def spots_of(image: Image, weights: Array, boxes: NDArray[np.int64], radii: Arra
                     continue
                 row, column = _summit(shares, marks, i, j, radius)
                 size, rim = _flooded(shares, marks, noise, row, column, pixels, inside, lowest)
-                if size == len(pixels) or rim > MOST_RIM:  # more than markers: glare, a wall, its texture
-                    continue
-                total = inside[:size].sum()
-                if total < LEAST_AREA * least:
-                    continue
-                number = max(1, int(total / disc + 0.5)) if total > MOST_AREA * most and not alone else 1
-                if number > MOST_MARKERS:
-                    continue
-                while count + number > len(out):
+                if rim > MOST_RIM or inside[:size].sum() < EVEN * np.pi * radii.min() ** 2:
+                    continue  # a part of glare, a wall, its texture
+                if count == len(out):
                     out = np.concatenate((out, np.empty_like(out)))
-                _split(pixels[:size], inside[:size], number, radius, out[count : count + number])
-                for n in range(count, count + number):
-                    if out[n, 6] >= LEAST_FILL and out[n, 2] >= LEAST_AREA * least:
-                        out[count] = out[n]
-                        count += 1
+                _measured(pixels[:size], inside[:size], radius, out[count])
+                count += out[count, 6] >= EVEN
     return out[:count]
 
 
@@ -93,10 +77,10 @@ def _flooded(
     shares: Shares, marks: NDArray[np.int8], noise: float, row: int, column: int, pixels: NDArray[np.int32],
     inside: Array, lowest: Array,
 ) -> tuple[int, float]:  # fmt: skip
-    """Number of the covered pixels that are downhill of a summit, or as many as there is room for.
+    """Number of the covered pixels that are downhill of a summit, and what share of the rim isn't a marker's.
 
-    Where coverage rises again another marker begins, or what is beyond the edge of a body. The share of the rim where
-    it does, or isn't down to half of the summit's, or where no box is, is given as well.
+    Where coverage rises again another marker begins, or what is beyond the edge of a body. A marker's rim is down to
+    half of the summit's; elsewhere it rises, isn't down yet, or no box is.
     """
     height, width = marks.shape
     marks[row, column] = SPOT
@@ -116,8 +100,6 @@ def _flooded(
             marks[i, j] = SPOT if share > 0.0 else SEEN
             if share == 0.0:
                 continue
-            if size == len(pixels):
-                return size, 0.0
             pixels[size, 0], pixels[size, 1] = j, i
             inside[size] = share
             lowest[size] = min(share, lowest[done - 1])
@@ -129,7 +111,7 @@ def _flooded(
             j, i = x + (k == 0) - (k == 1), y + (k == 2) - (k == 3)
             if not (0 <= i < height and 0 <= j < width) or marks[i, j] == SPOT:
                 continue
-            if marks[i, j] == SEEN and shares[i, j] < PEAK * inside[0]:
+            if marks[i, j] == SEEN and shares[i, j] < EVEN * inside[0]:
                 free += 1
             else:
                 higher += 1
@@ -137,38 +119,17 @@ def _flooded(
 
 
 @njit(cache=True, nogil=True)
-def _split(pixels: NDArray[np.int32], weights: Array, number: int, radius: float, out: Array) -> None:
-    """Splits a spot into as many markers as it has the area of, and measures each."""
-    nearest = np.zeros(len(pixels), dtype=np.int64)
-    if number > 1:
-        x, y, _, xx, xy, yy = _moments(pixels, weights, nearest, 0)
-        sx, sy = _streak(xx, xy, yy)
-        for n in range(number):  # along its longest extent, then each moves to the middle of what is nearest to it
-            share = (n + 0.5) / number - 0.5
-            out[n, 0], out[n, 1] = x + share * sx, y + share * sy
-        for _ in range(_LLOYD_ROUNDS):
-            for p in range(len(pixels)):
-                best = np.inf
-                for n in range(number):
-                    away = (pixels[p, 0] - out[n, 0]) ** 2 + (pixels[p, 1] - out[n, 1]) ** 2
-                    if away < best:
-                        best, nearest[p] = away, n
-            for n in range(number):
-                x, y, total, _, _, _ = _moments(pixels, weights, nearest, n)
-                if total > 0:
-                    out[n, 0], out[n, 1] = x, y
-    disc = np.pi * radius * radius
-    for n in range(number):
-        x, y, total, xx, xy, yy = _moments(pixels, weights, nearest, n)
-        sx, sy = _streak(xx, xy, yy)
-        length = np.sqrt(sx * sx + sy * sy)
-        square = 0.0
-        for p in range(len(pixels)):
-            if nearest[p] == n:
-                square += weights[p] * weights[p]
-        expected = disc / (disc + 2 * radius * length)
-        fill = square / max(total, 1e-9) / expected
-        out[n, 0], out[n, 1], out[n, 2], out[n, 3], out[n, 4], out[n, 5], out[n, 6] = x, y, total, xx, xy, yy, fill
+def _measured(pixels: NDArray[np.int32], weights: Array, radius: float, out: Array) -> None:
+    """Fills in center, area, second central moments and fill of a spot: a disc, or a streak of one. Shape (7,)."""
+    total = weights.sum()
+    x, y = (weights * pixels[:, 0]).sum() / total, (weights * pixels[:, 1]).sum() / total
+    dx, dy = pixels[:, 0] - x, pixels[:, 1] - y
+    xx, xy, yy = (weights * dx * dx).sum(), (weights * dx * dy).sum(), (weights * dy * dy).sum()
+    xx, xy, yy = xx / total, xy / total, yy / total
+    length = np.sqrt(24 * np.sqrt(((xx - yy) / 2) ** 2 + xy * xy))
+    expected = np.pi * radius / (np.pi * radius + 2 * length)
+    fill = (weights * weights).sum() / total / expected
+    out[0], out[1], out[2], out[3], out[4], out[5], out[6] = x, y, total, xx, xy, yy, fill
 
 
 @njit(cache=True, nogil=True)
@@ -214,35 +175,3 @@ def together(image: Image, weights: Array, places: Array, radii: Array) -> Array
         for c in range(3, 6):
             out[k, c] = (seen[k, c] / total - ideal[k, c] / whole) / radii[k] ** 2 + (0.0 if c == 4 else 0.25)
     return out
-
-
-@njit(cache=True, nogil=True)
-def _moments(
-    pixels: NDArray[np.int32], weights: Array, nearest: NDArray[np.int64], n: int
-) -> tuple[float, float, float, float, float, float]:
-    """Centroid, sum and second central moments of the pixels that are nearest to one place."""
-    total = x = y = 0.0
-    for p in range(len(pixels)):
-        if nearest[p] == n:
-            total += weights[p]
-            x += weights[p] * pixels[p, 0]
-            y += weights[p] * pixels[p, 1]
-    if total <= 0:
-        return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    x, y = x / total, y / total
-    xx = xy = yy = 0.0
-    for p in range(len(pixels)):
-        if nearest[p] == n:
-            dx, dy = pixels[p, 0] - x, pixels[p, 1] - y
-            xx += weights[p] * dx * dx
-            xy += weights[p] * dx * dy
-            yy += weights[p] * dy * dy
-    return x, y, total, xx / total, xy / total, yy / total
-
-
-@njit(cache=True, nogil=True)
-def _streak(xx: float, xy: float, yy: float) -> tuple[float, float]:
-    """The even streak whose two principal variances differ by as much; a disc's are equal."""
-    length = np.sqrt(24 * np.sqrt(((xx - yy) / 2) ** 2 + xy * xy))
-    angle = np.arctan2(xy, (xx - yy) / 2) / 2
-    return length * np.cos(angle), length * np.sin(angle)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from markertrack.tracking.labeling import find_blobs
 from markertrack.tracking.patches import Patches
 from markertrack.tracking.radii import LEAST_DETAIL, own_radii
-from markertrack.tracking.spots import MOST_UNEQUAL, SHARP, SpotFinder, Spots, streak_lengths
+from markertrack.tracking.spots import MOST_UNEQUAL, SHARP, WHOLE, SpotFinder, Spots, streak_lengths
 from markertrack.tracking.tags import dictionary_at
 from markertrack.tracking.tracker import RATE, Array, Image, Mask, check_points, contradict, inside
 from swimbase.errors import TrackingError
@@ -26,15 +26,10 @@ PICTURE_RADIUS = 12.0  # px of a marker that is known by its picture, if there i
 BESIDE = 5.0  # radii within which a spot that wasn't clicked is named
 NEARBY = 8.0  # radii, besides its step, within which a marker is looked for by its picture
 MOST_STREAK = 1.3  # of a marker's step, with a shutter that is always open and a speed that changes
-LIKE = 0.5  # likeness of a spot, below which the marker is looked for by its picture
-SHAPE_RATE = 0.03  # of a change of its shape that is taken in, in each frame
 SOFT = 1.0  # px² by which blur spreads a spot
 ROOMS = 1.5, 2.7  # radii around a point, to each side, that its spot may fill
 LEAST_SOLIDITY = 0.9  # of a marker's spot: less has a part of something else
 RING_SHARE, LEAST_RING = 0.15, 0.6  # of a radius beside the point and of the variance, and solidity
-WHOLE = 1.4  # ratio of areas up to which a spot is neither partly hidden nor more than one
-SOLID_AGAIN = 0.85  # solidity of a spot that is picked again
-BESIDE_AGAIN = 0.4  # radii by which it may be beside the place
 CLICK_ERROR = 3.0  # px that a picked point may be off
 ROUNDS = 2  # of measuring colors and radius anew
 
@@ -152,9 +147,9 @@ class Looks:
         radius = self.radii[marker : marker + 1]
         finder = SpotFinder(image, place[None], radius)
         own = _own(finder, image, place[None], radius, ROOMS[0])
-        share, beside = float(own.areas[0] / self._areas[marker]), float(np.hypot(*(own.centers[0] - place)))
-        same = 1 / WHOLE < share < WHOLE and beside <= BESIDE_AGAIN * radius[0] + 0.5
-        if own.solidity[0] < SOLID_AGAIN or not same:
+        share = float(own.areas[0] / self._areas[marker])
+        same = 1 / WHOLE < share < WHOLE and not contradict(own.centers[0], place, radius[0])
+        if own.solidity[0] < LEAST_SOLIDITY or not same:
             return None
         ours = self._finder
         if not self.plain[marker]:
@@ -220,7 +215,7 @@ class Looks:
         self._finder.learn(image, positions, ways)
         for marker, spot in zip(markers.tolist(), chosen.tolist(), strict=True):
             if np.hypot(*ways[marker]) < SHARP * self.radii[marker]:
-                self._moments[marker] += SHAPE_RATE * (spots.moments[spot] - self._moments[marker])
+                self._moments[marker] += RATE * (spots.moments[spot] - self._moments[marker])
                 self._patches.learn(image, marker, spots.centers[spot])
 
 
@@ -273,7 +268,7 @@ def _contradicted(own: _Own, measured: list[_Own]) -> Mask:
 
 def _own(finder: SpotFinder, image: Image, points: Array, radii: Array, room: float, settled: bool = True) -> _Own:
     """The spots at the points, as far as they lie within some radii of them."""
-    spots = finder.find(image, squares(points, room * radii + 1.0), alone=True)
+    spots = finder.find(image, squares(points, room * radii + 1.0))
     if not len(spots):
         return _Own.none(points)
     away = np.linalg.norm(points[:, None] - spots.centers, axis=2)

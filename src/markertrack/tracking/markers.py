@@ -20,22 +20,21 @@ from markertrack.tracking.bodies import Bodies, Placed
 from markertrack.tracking.chain import Chain
 from markertrack.tracking.colors import OwnColors
 from markertrack.tracking.flow import Flow, Moves
-from markertrack.tracking.looks import LIKE, NEARBY, Looks, squares
+from markertrack.tracking.looks import NEARBY, Looks, squares
+from markertrack.tracking.patches import SURELY
 from markertrack.tracking.spots import Spots
-from markertrack.tracking.tracker import AGAIN, DOUBT, REASONS, Array, Image, Mask, check_order, contradict, inside
+from markertrack.tracking.tracker import AGAIN, AGREE, DOUBT, EVEN, REASONS, Image, check_order, contradict, inside
+from swimbase.arrays import Array, Mask
 
 CERTAIN, RIGHT, LIKELY = 1.0, 0.9, 0.8  # confidence by spot, own spot, spot elsewhere
 MOST_OFF = 1.0, 0.1  # px, or radii, by which a marker's points may disagree
-NEAR = 0.6, 2.0  # radii and px from where it was carried within which its spot lies
 FAR = 1.5  # radii within which one is looked for that wasn't carried, besides how it may have moved
 SMALL = 5.0  # px radius, below which a picture tells the place of a marker better than flow does
 CLEAR = 0.65  # likeness of a spot, below which it is measured anew in its colors of now
 REPEATED = 0.02  # px that nothing moves by in a picture that repeats the last one
-SAME, SURELY = 0.75, 0.85  # correlation with its picture where it was carried to, and elsewhere
-RATIO = 0.5  # of the distance to another marker or spot that may be meant as well
+SAME = 0.75  # correlation with its picture where it was carried to, from which on it is the marker: elsewhere `SURELY`
 HALF = 4 / (3 * np.pi)  # radii from the edge of a picture at which the center of half a marker is
 NEVER = 1e3  # cost of what a marker can't be
-MARGIN = 0.5  # of the costs of `Chain.fit`, above which a marker is rather that spot than not
 AHEAD = 0.5  # of its step by which a marker may be beside where it is expected
 STREAK = 2.0  # radii that a marker of a body moves in a frame, from which on it may be a streak
 SLOWER = 0.9  # of the speed, and of the largest one, that is left in each frame in which it isn't seen
@@ -152,7 +151,7 @@ class MarkerTracker:
         """Markers that were seen where they were expected from one frame to the next, or that others vouch for."""
         sure = self._agreed >= AGAIN
         off = np.linalg.norm(positions - expected, axis=1)
-        near = NEAR[0] * self.radii + NEAR[1] + AHEAD * np.hypot(*self._steps.T)
+        near = AGREE[0] * self.radii + AGREE[1] + AHEAD * np.hypot(*self._steps.T)
         elsewhere = self._lost & (confidence > DOUBT) & ~(off < near)
         self._jumped |= elsewhere & found.more
         self._rivals |= elsewhere[:, None] & found.rivals
@@ -165,7 +164,7 @@ class MarkerTracker:
         off = np.linalg.norm(positions[:, None] - ahead, axis=2)
         other = np.where(self._numbers[:, None] == self._numbers, off, np.inf)
         np.fill_diagonal(other, np.inf)
-        self._aliased |= np.diag(off) > RATIO * other.min(axis=1)
+        self._aliased |= np.diag(off) > EVEN * other.min(axis=1)
         self._aliased &= placed.confidence <= DOUBT
         moved = np.linalg.norm(positions - self._places, axis=1)
         beside = contradict(positions, placed.laid, self.radii) & (confidence < CERTAIN)
@@ -192,9 +191,9 @@ class MarkerTracker:
         speed = np.maximum(self._fastest, np.hypot(*self._steps.T))
         far = FAR * self.radii + np.maximum(speed, self.radii) * (1 + self._doubtful)
         near = carried | self._bodies.on  # where else one of a body is, only all of them tell together
-        reach = np.where(near, NEAR[0] * self.radii + NEAR[1], self._chain.reaches(far, carried))
+        reach = np.where(near, AGREE[0] * self.radii + AGREE[1], self._chain.reaches(far, carried))
         boxes = np.where(asked[:, None], squares(expected, reach + 0.5 * self.radii), 0)
-        spots, of = self._measured(image, expected, boxes, carried)
+        spots, of = self._measured(image, expected, boxes)
         chosen, alone = np.full(len(expected), -1), np.ones(len(expected), dtype=bool)
         more, rivals = ~alone, np.zeros((len(expected), len(expected)), dtype=bool)
         if not len(spots):
@@ -202,7 +201,7 @@ class MarkerTracker:
         like = self._looks.likeness(spots, self._places, np.hypot(*moves.steps.T))
         away = np.linalg.norm(spots.centers - expected[:, None], axis=2)
         own = of == np.arange(len(expected))[:, None]
-        possible = (like > LIKE) & (away < reach[:, None]) & (own | self._chained)  # what one of a chain sees, all see
+        possible = (like > EVEN) & (away < reach[:, None]) & (own | self._chained)  # what one of a chain sees, all see
         apart = np.linalg.norm(spots.centers[:, None] - spots.centers, axis=2) > self.radii[of] / 2
         things, thing_of = np.unique(apart.argmin(axis=1), return_inverse=True)  # several markers may see the same
         cost = np.where(possible, away / reach[:, None] + 1 - like, NEVER)
@@ -221,28 +220,22 @@ class MarkerTracker:
             free = possible[marker] & (taken.min(axis=1) > self.radii[marker])
             rivals[marker] = (possible & here).any(axis=1) & ~carried & (np.arange(len(away)) != marker)
             others = np.concatenate([away[marker, free], away[rivals[marker]][:, spot]])
-            alone[marker], more[marker] = off < RATIO * others.min(initial=np.inf), free.any()
+            alone[marker], more[marker] = off < EVEN * others.min(initial=np.inf), free.any()
         chosen[carried & ~alone] = -1
         if linked:
-            alone, more[~carried], rivals[~carried] = np.where(carried, alone, margins > MARGIN), False, False
+            alone, more[~carried], rivals[~carried] = np.where(carried, alone, margins > EVEN), False, False
         like = np.where(chosen >= 0, like[np.arange(len(like)), chosen], 0.0)
         return _Found(spots, chosen, like, alone, more, rivals, reach)
 
-    def _measured(
-        self, image: Image, expected: Array, boxes: NDArray[np.int64], joint: Mask
-    ) -> tuple[Spots, NDArray[np.int64]]:
-        """The spots in each marker's box, and the marker that each was found for.
-
-        They are measured by its own colors. Of some, those whose boxes overlap are looked for together.
-        """
+    def _measured(self, image: Image, expected: Array, boxes: NDArray[np.int64]) -> tuple[Spots, NDArray[np.int64]]:
+        """The spots in each marker's box by its own colors, told apart from those beside it, and whose box it was."""
         first, last = boxes[:, None, :2], boxes[:, None, 2:]
-        touching = ((first < boxes[:, 2:]) & (last > boxes[:, :2])).all(axis=2) & joint & joint[:, None]
-        np.fill_diagonal(touching, True)
-        ways = np.hypot(*self._steps.T)
+        beside = np.all((first < boxes[:, 2:]) & (last > boxes[:, :2]), axis=2)[..., None]
+        own, ways = np.eye(len(boxes), dtype=bool)[..., None], np.hypot(*self._steps.T)
         asked = np.flatnonzero((boxes[:, :2] < boxes[:, 2:]).all(axis=1))
         found = [
-            self._looks.find(image, np.where(one, boxes, 0), ways, np.where(one, expected, np.nan))
-            for one in touching[asked, :, None]
+            self._looks.find(image, np.where(own[m], boxes, 0), ways, np.where(beside[m], expected, np.nan))
+            for m in asked.tolist()
         ]
         of = np.repeat(asked, [len(spots) for spots in found])
         return self._looks.find(image, np.zeros_like(boxes)).and_(*found), of
@@ -262,10 +255,10 @@ class MarkerTracker:
             if carried[m] and chosen[m] >= 0:
                 positions[m], confidence[m], self._drifted[m] = place, CERTAIN, 0.0
                 continue
-            near = np.hypot(*(place - expected[m])) < NEAR[0] * self.radii[m] + NEAR[1]
+            near = np.hypot(*(place - expected[m])) < AGREE[0] * self.radii[m] + AGREE[1]
             whole = near or found.like[m] > CLEAR  # and not a part of one that is blurred
             nearby = min(found.reach[m], NEARBY * self.radii[m] + np.hypot(*self._steps[m]))
-            reach = NEAR[0] * self.radii[m] + 1 if carried[m] else 1.5 if chosen[m] >= 0 else nearby
+            reach = AGREE[0] * self.radii[m] + 1 if carried[m] else 1.5 if chosen[m] >= 0 else nearby
             peak, score, only = self._looks.find_picture(image, m, place, reach)
             own = carried[m] and not self._lost[m] and score > SAME and not told
             own = own and not contradict(peak - self._drifted[m], place, self.radii[m])

@@ -19,7 +19,7 @@ from markertrack.tracking.tracker import Array, Image
 RIM = 1.6  # radii of a marker's picture
 STEP_TURN, STEP_SIZE = np.deg2rad(8), 1.06  # by which a picture is tried turned, and larger or smaller
 SIZES = 0.4, 2.5  # of the first picture, at most
-GOOD_SCORE = 0.9  # with which a picture isn't tried turned or resized
+SURELY = 0.85  # correlation from which on it is the marker, and isn't tried turned or resized
 LEAST_CONTRAST = 0.4  # of the picture's, below which what resembles it is noise or texture
 MOST_PEAKS, MOST_WORSE = 3, 0.15  # that are kept, and by how much their score may be below the first one's
 DETAIL = 9.0  # px radius at which markers are compared: larger ones are looked at in less detail
@@ -116,7 +116,7 @@ class Patches:
         """The better of the scores of the recent picture and of the first one as it may be turned and resized now."""
         turn, size = patch.turn, patch.size
         best = _scores(window, _warped(patch, turn, size), patch)
-        if max(best.max(), recent.max()) < GOOD_SCORE:
+        if max(best.max(), recent.max()) < SURELY:
             for by, times in ((STEP_TURN, 1.0), (-STEP_TURN, 1.0), (0.0, STEP_SIZE), (0.0, 1 / STEP_SIZE)):
                 other = patch.turn + by, float(np.clip(patch.size * times, *SIZES))
                 scores = _scores(window, _warped(patch, *other), patch)

@@ -31,8 +31,7 @@ POOR, POOR_FEW = 1.0, 4.0  # cost of a spot that isn't like its marker at all, a
 NEARER = 0.6  # cost that prefers the last labels among those that are as good, by the logarithm of the distance
 MOST_WAYS = 16  # to lay one body that are kept
 _BEAM = 64
-MANY_SPOTS, FEW_PAIRS = 40, 3  # with so many spots, so many pairs of a body's markers are laid over them
-_MOST_PAIRS = 10
+_MOST_PAIRS = 3  # of a body's markers that are laid over spots
 
 
 class Labeled(NamedTuple):
@@ -271,7 +270,7 @@ def _ways(
             if near[m, p]:
                 motion = (1.0, 0.0, centers[p, 0] - predicted[m, 0], centers[p, 1] - predicted[m, 1])
                 count = _tried(there, motion, limits, centers, looks, trial, off, labels, costs, count)
-    for k in range(len(pairs) if len(centers) < MANY_SPOTS else min(len(pairs), FEW_PAIRS)):
+    for k in range(len(pairs)):
         a, b = pairs[k]
         bx, by = predicted[b, 0] - predicted[a, 0], predicted[b, 1] - predicted[a, 1]
         length = np.sqrt(bx * bx + by * by)

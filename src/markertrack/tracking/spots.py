@@ -14,12 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markertrack.tracking.coverage import NOISE, TERMS, Coverage
-from markertrack.tracking.flooding import LEAST_FILL, MOST_AREA, PEAK, spots_of, together
-from markertrack.tracking.tracker import Array, Image, Mask
+from markertrack.tracking.flooding import spots_of, together
+from markertrack.tracking.tracker import EVEN, Array, Image, Mask
 
 DETAIL = 5.0  # pixels are joined to blocks while a marker's radius is as many blocks
 SHARP = 0.25  # radii of a streak, up to which a marker is taken for sharp
 MOST_UNEQUAL = 1.6  # ratio of the radii of markers of one kind
+WHOLE = 1.4  # ratio of areas up to which a spot is neither partly hidden nor more than one
 TOUCHING = 1.25  # of the sum of two markers' radii, within which their spots may be one
 
 
@@ -83,40 +84,37 @@ class SpotFinder:
         some.radii, some.coverage, some.kinds = self.radii[markers], self.coverage.of(markers), self.kinds[markers]
         return some
 
-    def find(self, image: Image, boxes: NDArray[np.int64], ways: Array | float = 0.0, alone: bool = False) -> Spots:
+    def find(self, image: Image, boxes: NDArray[np.int64], ways: Array | float = 0.0) -> Spots:
         """The spots of each marker's color that lie in its box, or reach into it.
 
         Args:
             image: RGB. Shape (H, W, 3).
             boxes: Left, top, right, bottom; the last two are outside [px]. Shape (M, 4).
             ways: How far each may move during the exposure, which makes it fainter [px]. Shape (M,).
-            alone: Whether each spot is one marker, wholly in its box.
         """
         peaks = np.pi * self.radii / (np.pi * self.radii + 2 * ways)
         noises = self.coverage.weights[:, TERMS]
-        fainter = np.clip(PEAK * peaks, NOISE[0], noises)
+        fainter = np.clip(EVEN * peaks, NOISE[0], noises)
         parts: list[Array] = [np.empty((0, 8))]
         for kind in range(self.kinds.max() + 1):
             of = np.flatnonzero(self.kinds == kind)
             if not len(of):
                 continue
-            found = self._measured(image, of, boxes, noises, alone)
+            found = self._measured(image, of, boxes, noises)
             faint = of[fainter[of] < noises[of]]
             if len(faint):
-                found = self._whole(found, self._measured(image, faint, boxes, fainter, alone), of)
+                found = self._whole(found, self._measured(image, faint, boxes, fainter), of)
             parts.append(np.column_stack([found, np.full(len(found), kind)]))
         found = np.concatenate(parts)
         return Spots(found[:, :2], found[:, 2], found[:, 3:6], found[:, 6], found[:, 7].astype(np.int64))
 
-    def _measured(
-        self, image: Image, of: NDArray[np.int64], boxes: NDArray[np.int64], noises: Array, alone: bool
-    ) -> Array:
+    def _measured(self, image: Image, of: NDArray[np.int64], boxes: NDArray[np.int64], noises: Array) -> Array:
         """Center, area, moments and fill of each spot of some markers (K,) that is above noise. Shape (P, 7)."""
         weights = self.coverage.weights[of]
         weights[:, TERMS] = noises[of]
         boxes, block = boxes[of] // self._block, self._block
         corner, part = self._part(image, boxes[(boxes[:, :2] < boxes[:, 2:]).all(axis=1)])
-        found = spots_of(part, weights, boxes - np.tile(corner, 2), self.radii[of] / block, alone)
+        found = spots_of(part, weights, boxes - np.tile(corner, 2), self.radii[of] / block)
         found[:, :2] += corner
         return found * [block, block, *4 * (block**2,), 1] + [*2 * ((block - 1) / 2,), 0, 0, 0, 0, 0]
 
@@ -163,7 +161,7 @@ class SpotFinder:
         corner, part = self._part(image, np.hstack([at - reach, at + reach]).astype(np.int64))
         found = together(part, self.coverage.weights[of], at - corner, radii)
         found[:, :2] += corner
-        whole = (np.abs(np.log2(found[:, 2])) < np.log2(MOST_AREA)) & (found[:, 6] >= LEAST_FILL)
+        whole = (np.abs(np.log2(found[:, 2])) < np.log2(WHOLE)) & (found[:, 6] >= EVEN)
         whole &= np.linalg.norm(found[:, :2] - at, axis=1) < radii
         found, of = found[whole], of[whole]
         square = (self.radii[of] ** 2)[:, None]

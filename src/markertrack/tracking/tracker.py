@@ -12,6 +12,7 @@ from swimbase.errors import TrackingError
 
 Image = NDArray[np.uint8]
 
+EVEN = 0.5  # likelihood, likeness or share above which something is rather so than not
 AGREE = 0.5, 3.0  # radii, or px, within which two say the same of where a marker is
 RATE = 0.1  # of what is seen of a marker without a doubt that is taken in, in each frame
 AGAIN = 2  # frames that a marker must be certain in, one after the other, after it was lost
