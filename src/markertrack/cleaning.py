@@ -10,19 +10,18 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from markertrack.quality import DOUBTFUL, runs
+from markertrack.quality import DOUBTFUL, GAP_TIME, runs
 from markertrack.track import MarkerTrack
 from markertrack.tracking.tracker import Array, Mask
 from swimbase.errors import ArgumentError
 
-LONGEST = 0.1  # s, a gap that can be filled; at 2.25 Hz this is a fifth of a beat
 FASTEST_BEAT = 2.25  # Hz, of the trials to come; its second harmonic must survive smoothing as well
 LONGEST_WINDOW = 501  # frames, for more than 4000 frames per second
 LEAST_GAIN = 0.98  # of the beat and its second harmonic that smoothing has to leave
 ORDER = 3  # of the local polynomials, and known samples on either side of a gap
 
 
-def fill_gaps(track: MarkerTrack, longest: float = LONGEST) -> MarkerTrack:
+def fill_gaps(track: MarkerTrack, longest: float = GAP_TIME) -> MarkerTrack:
     """Fills short gaps with a cubic through the samples around them, in the picture or in the pool.
 
     Not in the body frame, although the body moves less there: the frame stands on a head of 0.14 m, whose noise is four

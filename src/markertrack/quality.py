@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from markertrack.layout import Layout
 from markertrack.track import MarkerTrack
-from markertrack.tracking.tracker import Array, Mask
+from markertrack.tracking.tracker import EVEN, Array, Mask
 from swimbase.errors import TrialError
 
 REASONS = ("missing", "collapsed", "misplaced", "jumped", "frozen", "doubtful")
@@ -28,8 +28,7 @@ PLACE_TOLERANCE = 0.010  # m, on top of it; that a marker jumps beyond what othe
 STRAY_DISTANCE = 0.04  # m by which two markers may be farther apart than they should, on top of BEND_SHARE
 DRIFT_DISTANCE = 0.022  # m by which a spacing may differ from the first frame's for good: bending there, parallax later
 FREEZE_TIME = 0.15  # s without moving at all
-GAP_TIME = 0.1  # s between two losses that is counted as lost as well
-HEAD_SPREAD = 0.05  # of the head's length, above which its scale is doubtful
+GAP_TIME = 0.1  # s of a gap that can be filled, a fifth of a beat at 2.25 Hz; between two losses that is lost as well
 MOST_NAMED = 10  # lost markers with a sentence each; of more the worst are named in one
 SUDDEN = 8.0  # times a usual step, or a change of one, above which a marker or a body jumped
 MOST_PAIRS = 20_000_000  # pairs of markers times frames: an hour at 60 frames per second with 9 markers
@@ -37,11 +36,10 @@ _START_FRAMES = 5
 MOST_OFF = 5.0  # times larger or smaller than the robot, which no camera file is off by
 UNITS = {1e3: "millimeters", 1e2: "centimeters", 39.37: "inches", 1e-3: "kilometers"}  # of which a meter has so many
 _CLOSE = 1.6  # times, within which a factor is taken for a unit's
-_BETTER = 0.5  # of the misfit of one order that the other order must come below
 _NOTABLE = 0.04  # of the robot's length, below which spacings fit either way
 _SLOWEST, _FASTEST = 0.6, 1.2  # of its nominal frequency, at which a motor under load turns
 SAMPLES = 200  # frames, and pairs of markers, that are looked at
-USABLE_SHARE = 0.05  # of frames that a marker may be lost for in a trial that is used without a second thought
+USABLE_SHARE = 0.05  # of frames that a marker may be lost for, and by which the head's length may vary, in a good trial
 
 
 @dataclass(frozen=True)
@@ -116,7 +114,7 @@ class TrackQuality(LostMarkers):
 
     def findings(self, names: tuple[str, ...]) -> list[str]:
         sentences = super().findings(names)
-        if self.head_spread > HEAD_SPREAD:
+        if self.head_spread > USABLE_SHARE:
             sentences.append(f"the head's length varies by {100 * self.head_spread:.1f} %: the scale is doubtful")
         return sentences
 
@@ -444,7 +442,7 @@ def _other_order(track: MarkerTrack, rest: Array, names: tuple[str, ...]) -> str
         return None
     scaled = spacing * wanted.sum() / spacing.sum()
     given, turned = (float(np.abs(scaled - one).mean()) for one in (wanted, wanted[::-1]))
-    if given < _NOTABLE * wanted.sum() or turned > _BETTER * given:
+    if given < _NOTABLE * wanted.sum() or turned > EVEN * given:
         return None
     return (
         f"its markers fit the robot in the other order, from {names[-1]} to {names[0]}; click, or name, "

@@ -21,10 +21,9 @@ from scipy.sparse.csgraph import connected_components
 
 from markertrack.quality import DOUBTFUL, runs
 from markertrack.tracking.colors import OwnColors
-from markertrack.tracking.flow import STILL, Flow
+from markertrack.tracking.flow import Flow
 from markertrack.tracking.looks import Looks
-from markertrack.tracking.markers import MOST_OFF
-from markertrack.tracking.tracker import AGAIN, AGREE, EVEN, Array, Image, Mask, contradict
+from markertrack.tracking.tracker import AGAIN, AGREE, EVEN, EXACT, Array, Image, Mask, contradict
 
 ENDS = 3  # steps that tell the velocity of a thing at its ends
 MOST = 1000  # tracklets that are linked: those that last longest
@@ -59,7 +58,7 @@ class Motion:
     def see(self, places: Array, sure: Mask) -> None:
         """Takes in three frames: places of markers (3, M, 2) [px], and whether they are known (3, M)."""
         steps = np.diff(places[:, sure.all(axis=0)], axis=0)
-        steps = steps[:, np.linalg.norm(steps, axis=2).max(axis=0, initial=0.0) > STILL]
+        steps = steps[:, np.linalg.norm(steps, axis=2).max(axis=0, initial=0.0) > EXACT[0]]
         speeds, changes = (steps.mean(axis=0) ** 2).sum(axis=1), (np.diff(steps, axis=0)[0] ** 2).sum(axis=1)
         turns = changes > speeds
         self._frames += len(turns)
@@ -71,7 +70,7 @@ class Motion:
     def change(self) -> float:
         """Of its speed, by which a velocity usually changes in a frame."""
         steady = self._frames - self._turns
-        return float(np.sqrt((steady * self._changes / max(self._speeds, STILL) + 1) / (steady + 1)))
+        return float(np.sqrt((steady * self._changes / max(self._speeds, EXACT[0]) + 1) / (steady + 1)))
 
     @property
     def turns(self) -> float:
@@ -138,7 +137,7 @@ class Things:
             radii = np.full(len(last), self.radius)
             moves = self._flow.follow(image, last, radii, last - earlier)
             there = (last + moves.steps)[:, None]
-            good = (moves.errors < np.maximum(MOST_OFF[0], MOST_OFF[1] * radii))[:, None]
+            good = (moves.errors < np.maximum(EXACT[0], EXACT[1] * radii))[:, None]
             good = good & ~contradict(there, places, self.radius)
             near = np.where(good, 1 / (1 + np.linalg.norm(there - places, axis=2)), 0.0)
             for before, after in zip(*linear_sum_assignment(near, maximize=True), strict=True):

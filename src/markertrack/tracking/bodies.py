@@ -17,12 +17,11 @@ from markertrack.tracking.body import STIFF, Body
 from markertrack.tracking.looks import Looks, squares
 from markertrack.tracking.rigid import LEAD, Expected, Labeled, distance, label, rigid_fit
 from markertrack.tracking.spots import WHOLE, Spots, streaks
-from markertrack.tracking.tracker import AGAIN, DOUBT, Array, Image, Mask, inside
+from markertrack.tracking.tracker import AGAIN, DOUBT, EXACT, Array, Image, Mask, inside
 
 FAR = 4.0  # times how far a body may easily be from where it is expected: a push, or a mistake
 LEAST_LIKE = 0.3  # likeness of a spot that is certain to be the marker
 ADAPT_TIME = 1.0  # s over which a body's shape in the picture changes: perspective, lens
-FIRM = 0.1  # radii by which markers may be beside their places on a rigid body
 
 
 class Bodies:
@@ -113,7 +112,7 @@ class Bodies:
         return expected
 
     def _firm(self, body: Body) -> float:
-        return FIRM * self._radius(body) + 0.3
+        return EXACT[1] * self._radius(body) + 0.3
 
     def _radius(self, body: Body) -> float:
         return float(np.median(self._looks.radii[body.markers]))

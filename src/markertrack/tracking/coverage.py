@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit  # pyright: ignore[reportMissingTypeStubs]
 from numpy.typing import NDArray
 
-from markertrack.tracking.tracker import RATE, Array, Image, Mask
+from markertrack.tracking.tracker import EVEN, RATE, Array, Image, Mask
 
 SURROUNDINGS = 2.0  # radii around a marker that its color is told apart from
 LIGHT = ((np.arange(256) + 0.5) / 256) ** 2.2  # of the levels of a picture
@@ -23,7 +23,6 @@ SAMPLES = 1000  # pixels that tell what a marker or its surroundings are like
 RIDGE = 1e-5  # of the squares of the terms, by which a fit is held
 NOISE = 0.1, 0.5  # least and largest of coverage
 DEVIATIONS = 2.5  # of coverage beside a marker that are noise
-LEAST = 0.2  # coverage of a marker above that of what is around it, by which it is scaled
 TERMS = 20  # of a cubic polynomial of red, green and blue
 ON, OFF, DISC, CORE = slice(TERMS), slice(TERMS, 2 * TERMS), 2 * TERMS, 2 * TERMS + 1  # columns of `moments`
 
@@ -73,17 +72,17 @@ class Coverage:
     def alike(self) -> Mask:
         """Which markers cover rather more than less of one another. Shape (M, M)."""
         covers = self._known[:, :, CORE] @ self.weights[:, :TERMS].T
-        return np.minimum(covers, covers.T) > 0.5
+        return np.minimum(covers, covers.T) > EVEN
 
     def _fit(self, markers: NDArray[np.int64]) -> None:
         known = self._known[markers]
         weights = polynomials(known)
         weights[:, 0] -= (weights * self._around[markers]).sum(axis=1)  # the first term is 1
         own = (weights * known[:, :, CORE]).sum(axis=1)  # less than 1 where other things have its colors
-        weights /= np.maximum(own, LEAST)[:, None]
+        weights /= np.maximum(own, EVEN)[:, None]
         squares = np.einsum("mi,mij,mj->m", weights, known[:, :, OFF], weights)
         noise = np.clip(DEVIATIONS * np.sqrt(np.maximum(squares, 0.0)), *NOISE)
-        self.weights[markers], self.clear[markers] = np.column_stack([weights, noise]), own > 0.5
+        self.weights[markers], self.clear[markers] = np.column_stack([weights, noise]), own > EVEN
 
 
 def polynomials(known: Array) -> Array:

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from markertrack.tracking.coverage import NOISE, TERMS, covered
 from markertrack.tracking.tracker import EVEN, Array, Image
 
-MOST_RIM = 0.25  # share of a spot's rim where coverage rises again, or isn't half of what it is inside, or its box ends
 _LLOYD_ROUNDS = 10
+MOST_RIM = 0.25  # share of a spot's rim where coverage rises again, or isn't half of what it is inside, or its box ends
 OUTSIDE, FREE, SPOT, SEEN = range(4)  # marks of pixels: in no box, in one, in a spot, looked at else
 
 Shares = NDArray[np.float32]

@@ -13,15 +13,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from markertrack.tracking.tracker import Array, Image, Mask
+from markertrack.tracking.tracker import DETAIL, EXACT, Array, Image, Mask
 
 ACROSS = 7  # points on a marker's diameter
 RIM = 1.1  # radii around its center in which its points lie
-DETAIL = 10.0  # px radius up to which markers are looked at in full detail; larger ones in pictures of half the size
 WINDOWS = 9, 13, 21  # px sides of the windows that are compared, for radii of up to half as much and above
 LEVELS, ROUNDS, CLOSE = 3, 20, 0.03  # of the pyramid, and when an estimate is done
 MOST_GROWTH = 1.1  # by which a marker may grow or shrink in a frame
-STILL = 1.0  # px/frame, below which its last step tells nothing about the next one
 
 Picture = NDArray[np.uint8]
 
@@ -68,7 +66,7 @@ class Flow:
                 if share not in pictures:
                     pictures[share] = _smaller(pictures[1], share)
             of = np.flatnonzero((shares == share) & asked)
-            moving = of[np.hypot(*steps[of].T) > STILL]
+            moving = of[np.hypot(*steps[of].T) > EXACT[0]]  # else its last step tells nothing about the next one
             guesses = np.concatenate([np.zeros((len(of), 2)), steps[moving]])
             self._improve(best, now, share, np.concatenate([of, moving]), places, radii, guesses)
         self._last = now

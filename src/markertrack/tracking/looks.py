@@ -17,20 +17,18 @@ from markertrack.tracking.patches import Patches
 from markertrack.tracking.radii import LEAST_DETAIL, own_radii
 from markertrack.tracking.spots import MOST_UNEQUAL, SHARP, WHOLE, SpotFinder, Spots, streak_lengths
 from markertrack.tracking.tags import dictionary_at
-from markertrack.tracking.tracker import RATE, Array, Image, Mask, check_points, contradict, inside
+from markertrack.tracking.tracker import AGREE, DETAIL, EVEN, RATE, Array, Image, Mask, check_points, contradict, inside
 from swimbase.errors import TrackingError
 
 CLICK_SHARE = 0.7  # of the radius by which a point may be beside the spot's center
 LONGEST = 3.0  # ratio of the axes of a marker
-PICTURE_RADIUS = 12.0  # px of a marker that is known by its picture, if there is room
 BESIDE = 5.0  # radii within which a spot that wasn't clicked is named
 NEARBY = 8.0  # radii, besides its step, within which a marker is looked for by its picture
 MOST_STREAK = 1.3  # of a marker's step, with a shutter that is always open and a speed that changes
 SOFT = 1.0  # px² by which blur spreads a spot
 ROOMS = 1.5, 2.7  # radii around a point, to each side, that its spot may fill
 LEAST_SOLIDITY = 0.9  # of a marker's spot: less has a part of something else
-RING_SHARE, LEAST_RING = 0.15, 0.6  # of a radius beside the point and of the variance, and solidity
-CLICK_ERROR = 3.0  # px that a picked point may be off
+RING_SHARE = 0.15  # of a radius that a ring is beside the point, and of its variance
 ROUNDS = 2  # of measuring colors and radius anew
 
 
@@ -57,7 +55,7 @@ class Looks:
         check_points(image, points)
         self.points, edges = points.copy(), own_radii(image, points)
         radii, own = edges, _Own.none(points)
-        for unsure in CLICK_ERROR, *(0.0,) * ROUNDS:
+        for unsure in AGREE[1], *(0.0,) * ROUNDS:
             finder = SpotFinder(image, self.points, radii, unsure)
             measured = [_own(finder, image, points, radii, room, unsure == 0) for room in ROOMS]
             own = measured[0]
@@ -74,7 +72,7 @@ class Looks:
         self._finder = SpotFinder(image, self.points, radii)
         if not self.plain.all():
             _check_the_rest(image, self.points, radii, ~self.plain)
-            radii[~self.plain] = np.median(radii[self.plain]) if self.plain.any() else PICTURE_RADIUS
+            radii[~self.plain] = np.median(radii[self.plain]) if self.plain.any() else DETAIL
             self._finder.radii, self._finder.kinds[~self.plain] = radii, -1
         self._areas = np.pi * radii**2
         self._first = self._areas.copy()
@@ -286,7 +284,7 @@ def _own(finder: SpotFinder, image: Image, points: Array, radii: Array, room: fl
     spread = 4 * np.pi * (np.sqrt(np.maximum(mean**2 - half**2, 0)) - SOFT) / area
     solidity = 1 / np.maximum(spread, 1.0)
     # a ring, or a disc with a hub: round about the point
-    ring = (away.min(axis=1) < RING_SHARE * radii + 1.0) & (half < RING_SHARE * mean) & (solidity > LEAST_RING)
+    ring = (away.min(axis=1) < RING_SHARE * radii + 1.0) & (half < RING_SHARE * mean) & (solidity > EVEN)
     return _Own(spots.centers[own], area, moments, np.where(good, np.where(ring, 1.0, solidity), 0.0))
 
 
@@ -348,5 +346,5 @@ def _check_the_rest(image: Image, points: Array, radii: Array, odd: Mask) -> Non
 
 
 def _detail(image: Image, point: Array) -> float:
-    left, top, right, bottom = squares(point[None], PICTURE_RADIUS)[0].clip(0)
+    left, top, right, bottom = squares(point[None], DETAIL)[0].clip(0)
     return float(image[top:bottom, left:right].astype(float).mean(axis=2).std())

@@ -23,19 +23,17 @@ from markertrack.tracking.flow import Flow, Moves
 from markertrack.tracking.looks import NEARBY, Looks, squares
 from markertrack.tracking.patches import SURELY
 from markertrack.tracking.spots import Spots
-from markertrack.tracking.tracker import AGAIN, AGREE, DOUBT, EVEN, REASONS, Image, check_order, contradict, inside
+from markertrack.tracking.tracker import AGAIN, AGREE, DOUBT, EVEN, EXACT, Image, check_order, contradict, inside
 from swimbase.arrays import Array, Mask
 
+REASONS = "nothing like it is found", "others like it are near", "it doesn't look as it did"
 CERTAIN, RIGHT, LIKELY = 1.0, 0.9, 0.8  # confidence by spot, own spot, spot elsewhere
-MOST_OFF = 1.0, 0.1  # px, or radii, by which a marker's points may disagree
 FAR = 1.5  # radii within which one is looked for that wasn't carried, besides how it may have moved
-SMALL = 5.0  # px radius, below which a picture tells the place of a marker better than flow does
 CLEAR = 0.65  # likeness of a spot, below which it is measured anew in its colors of now
 REPEATED = 0.02  # px that nothing moves by in a picture that repeats the last one
 SAME = 0.75  # correlation with its picture where it was carried to, from which on it is the marker: elsewhere `SURELY`
 HALF = 4 / (3 * np.pi)  # radii from the edge of a picture at which the center of half a marker is
 NEVER = 1e3  # cost of what a marker can't be
-AHEAD = 0.5  # of its step by which a marker may be beside where it is expected
 STREAK = 2.0  # radii that a marker of a body moves in a frame, from which on it may be a streak
 SLOWER = 0.9  # of the speed, and of the largest one, that is left in each frame in which it isn't seen
 
@@ -139,7 +137,7 @@ class MarkerTracker:
     def _carried(self, image: Image, asked: Mask, laid: Array) -> tuple[Moves, Mask, Array]:
         """How flow moves the markers that it is asked for, which it carries on, and where all are expected then."""
         moves = self._flow.follow(image, np.where(asked[:, None], self._places, np.nan), self.radii, self._steps)
-        carried = moves.errors < np.maximum(MOST_OFF[0], MOST_OFF[1] * self.radii)
+        carried = moves.errors < np.maximum(EXACT[0], EXACT[1] * self.radii)
         there = self._places + moves.steps
         carried &= inside(there, image) & ~self._stayed(image, there, carried)
         carried &= ~self._lost | (self._agreed > 0)  # from where it isn't, flow leads nowhere
@@ -150,9 +148,7 @@ class MarkerTracker:
     def _sure(self, positions: Array, confidence: Array, expected: Array, found: _Found) -> Mask:
         """Markers that were seen where they were expected from one frame to the next, or that others vouch for."""
         sure = self._agreed >= AGAIN
-        off = np.linalg.norm(positions - expected, axis=1)
-        near = AGREE[0] * self.radii + AGREE[1] + AHEAD * np.hypot(*self._steps.T)
-        elsewhere = self._lost & (confidence > DOUBT) & ~(off < near)
+        elsewhere = self._lost & (confidence > DOUBT) & contradict(positions, expected, self.radii)
         self._jumped |= elsewhere & found.more
         self._rivals |= elsewhere[:, None] & found.rivals
         settled = sure & ~self._jumped & ~self._rivals.any(axis=1)
@@ -166,9 +162,9 @@ class MarkerTracker:
         np.fill_diagonal(other, np.inf)
         self._aliased |= np.diag(off) > EVEN * other.min(axis=1)
         self._aliased &= placed.confidence <= DOUBT
-        moved = np.linalg.norm(positions - self._places, axis=1)
         beside = contradict(positions, placed.laid, self.radii) & (confidence < CERTAIN)
-        return self._aliased | beside | ~(moved < STREAK * self.radii)
+        streaked = ~(np.linalg.norm(positions - self._places, axis=1) < STREAK * self.radii)
+        return self._aliased | beside | streaked
 
     def _stayed(self, image: Image, there: Array, carried: Mask) -> Mask:
         """Markers that flow led elsewhere, while something like them is where they would be by their last step.
@@ -255,7 +251,7 @@ class MarkerTracker:
             if carried[m] and chosen[m] >= 0:
                 positions[m], confidence[m], self._drifted[m] = place, CERTAIN, 0.0
                 continue
-            near = np.hypot(*(place - expected[m])) < AGREE[0] * self.radii[m] + AGREE[1]
+            near = not contradict(place, expected[m], self.radii[m])
             whole = near or found.like[m] > CLEAR  # and not a part of one that is blurred
             nearby = min(found.reach[m], NEARBY * self.radii[m] + np.hypot(*self._steps[m]))
             reach = AGREE[0] * self.radii[m] + 1 if carried[m] else 1.5 if chosen[m] >= 0 else nearby
@@ -263,7 +259,7 @@ class MarkerTracker:
             own = carried[m] and not self._lost[m] and score > SAME and not told
             own = own and not contradict(peak - self._drifted[m], place, self.radii[m])
             if own and self.colors.are_at(image, m, place, self.radii[m]):
-                positions[m], confidence[m] = peak if self.radii[m] < SMALL else place, RIGHT
+                positions[m], confidence[m] = place, RIGHT
                 if score < SURELY:
                     self._looks.learn_picture(image, m, place)
                     self._drifted[m] += place - peak

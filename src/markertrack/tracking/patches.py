@@ -14,15 +14,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from markertrack.tracking.tracker import Array, Image
+from markertrack.tracking.tracker import DETAIL, EVEN, Array, Image
 
 RIM = 1.6  # radii of a marker's picture
 STEP_TURN, STEP_SIZE = np.deg2rad(8), 1.06  # by which a picture is tried turned, and larger or smaller
 SIZES = 0.4, 2.5  # of the first picture, at most
 SURELY = 0.85  # correlation from which on it is the marker, and isn't tried turned or resized
-LEAST_CONTRAST = 0.4  # of the picture's, below which what resembles it is noise or texture
-MOST_PEAKS, MOST_WORSE = 3, 0.15  # that are kept, and by how much their score may be below the first one's
-DETAIL = 9.0  # px radius at which markers are compared: larger ones are looked at in less detail
+MOST_PEAKS = 3  # that are kept
 MOST_WEIGHT = 0.1  # of the distance from where a marker is expected: taken off the score at the end of the reach
 
 Picture = NDArray[np.float32]
@@ -183,14 +181,14 @@ def _contrast(picture: Picture, mask: Picture) -> float:
 def _peaks(scores: Picture, window: Picture, place: Array, patch: _Patch) -> list[_Peak]:
     """The highest of all places that are higher than those around them, to a fraction of a pixel."""
     mask, side = _mask(patch), len(patch.recent)
-    least = LEAST_CONTRAST * _contrast(patch.recent, mask)
+    least = EVEN * _contrast(patch.recent, mask)
     middle = (len(scores) - 1) / 2
     offsets = np.arange(len(scores)) - middle
     near = scores - MOST_WEIGHT * (offsets**2 + (offsets**2)[:, None]) / max(middle, 1.0) ** 2
     found: list[_Peak] = []
     for _ in range(MOST_PEAKS):
         row, column = np.unravel_index(int(np.argmax(near)), near.shape)
-        if scores[row, column] < (found[0].score - MOST_WORSE if found else 0.0):
+        if scores[row, column] < (found[0].score - (1 - SURELY) if found else 0.0):
             break
         inside = 0 < row < len(scores) - 1 and 0 < column < len(scores) - 1
         if inside and _contrast(window[row : row + side, column : column + side], mask) > least:

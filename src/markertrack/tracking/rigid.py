@@ -27,7 +27,7 @@ Labels = NDArray[np.int64]
 LEAD = 4.0  # by which labels must be better than any others to be sure: two fifths of a missing marker
 MISSED = 10.0  # cost of a marker that should be in the frame and has no spot; of a pushed or turned body, at most
 BESIDE = 0.5  # cost of a spot that is as far from its place as is allowed
-POOR, POOR_FEW = 1.0, 4.0  # cost of a spot that isn't like its marker at all, and where a body has one or two
+POOR = 2.0  # cost of a spot that isn't like its marker at all
 NEARER = 0.6  # cost that prefers the last labels among those that are as good, by the logarithm of the distance
 MOST_WAYS = 16  # to lay one body that are kept
 _BEAM = 64
@@ -319,7 +319,7 @@ def _tried(
         away += (px - predicted[m, 0]) ** 2 + (py - predicted[m, 1]) ** 2
         gone += (px - held[m, 0]) ** 2 + (py - held[m, 1]) ** 2
         if trial[m] >= 0:
-            cost += BESIDE * (off[m] / tolerance) ** 2 + (POOR if markers > 2 else POOR_FEW) * (1 - looks[m, trial[m]])
+            cost += BESIDE * (off[m] / tolerance) ** 2 + POOR * (1 - looks[m, trial[m]])
         elif _inside(px, py, width, height) or _inside(predicted[m, 0], predicted[m, 1], width, height):
             cost += MISSED
         elif markers > 2:

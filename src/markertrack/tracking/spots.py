@@ -21,7 +21,6 @@ DETAIL = 5.0  # pixels are joined to blocks while a marker's radius is as many b
 SHARP = 0.25  # radii of a streak, up to which a marker is taken for sharp
 MOST_UNEQUAL = 1.6  # ratio of the radii of markers of one kind
 WHOLE = 1.4  # ratio of areas up to which a spot is neither partly hidden nor more than one
-TOUCHING = 1.25  # of the sum of two markers' radii, within which their spots may be one
 
 
 @dataclass(frozen=True)
@@ -153,7 +152,7 @@ class SpotFinder:
             Indices of those that are where they are expected, and their spots. Shape (P,).
         """
         away = np.linalg.norm(places[:, None] - places, axis=2)
-        touching = away < TOUCHING * (self.radii[:, None] + self.radii)
+        touching = away < self.radii[:, None] + self.radii
         of = np.flatnonzero(touching.sum(axis=1) > 1)
         block, radii = self._block, self.radii[of] / self._block
         at = (places[of] - (block - 1) / 2) / block

@@ -14,10 +14,11 @@ Image = NDArray[np.uint8]
 
 EVEN = 0.5  # likelihood, likeness or share above which something is rather so than not
 AGREE = 0.5, 3.0  # radii, or px, within which two say the same of where a marker is
+EXACT = 1.0, 0.1  # px, or radii, to which a place is known
+DETAIL = 10.0  # px radius up to which pictures of markers are compared in full detail
 RATE = 0.1  # of what is seen of a marker without a doubt that is taken in, in each frame
 AGAIN = 2  # frames that a marker must be certain in, one after the other, after it was lost
 DOUBT = 0.45  # confidence of a marker that may be another one: `quality` counts less than a half as lost
-REASONS = "nothing like it is found", "others like it are near", "it doesn't look as it did"
 
 
 class Tracker(Protocol):
