@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from markertrack.tracking.coverage import NOISE, TERMS, Coverage
 from markertrack.tracking.flooding import spots_of, together
-from markertrack.tracking.tracker import EVEN, Array, Image, Mask
+from markertrack.tracking.tracker import AGREE, EVEN, Array, Image, Mask
 
 DETAIL = 5.0  # pixels are joined to blocks while a marker's radius is as many blocks
 SHARP = 0.25  # radii of a streak, up to which a marker is taken for sharp
@@ -152,7 +152,7 @@ class SpotFinder:
             Indices of those that are where they are expected, and their spots. Shape (P,).
         """
         away = np.linalg.norm(places[:, None] - places, axis=2)
-        touching = away < self.radii[:, None] + self.radii
+        touching = away < self.radii[:, None] + self.radii + AGREE[1]  # or may, as far as it is known
         of = np.flatnonzero(touching.sum(axis=1) > 1)
         block, radii = self._block, self.radii[of] / self._block
         at = (places[of] - (block - 1) / 2) / block
