@@ -17,13 +17,12 @@ from markertrack.corrections import corrected
 from markertrack.gaps import Gap, follow_gaps, joined
 from markertrack.quality import DOUBTFUL, runs
 from markertrack.track import MarkerTrack
-from markertrack.tracking.markers import MarkerTracker
+from markertrack.tracking.markers import RIGHT, MarkerTracker
 from markertrack.tracking.tracker import DOUBT, Array, Tracker
 from markertrack.tracklets import ENDS, Motion, Things, Tracklet, belonging, known_stretches
 from markertrack.video import Frame, most_frames
 
 BEFORE = ENDS + 1  # frames in which all are certain: after a break it is over, before one they tell how markers moved
-SURE = 0.9  # that a thing is a marker which was lost
 
 Seen = tuple[Frame, Array, Array]
 
@@ -122,7 +121,7 @@ def _found_again(
             one.see(image, k, known[k, m], known[k], tracker.radii + tracker.radii[m])
     seen: dict[int, dict[int, Array]] = {}
     for m, one in things.items():
-        belong = belonging([*one.tracklets, *stretches], m, one.radius, motion, room, SURE)
+        belong = belonging([*one.tracklets, *stretches], m, one.radius, motion, room, RIGHT)
         seen[m] = {one.first + k: place for one in belong for k, place in enumerate(one.places)}
     for m, n in combinations(seen, 2):  # one thing is one marker
         for k in seen[m].keys() & seen[n].keys():

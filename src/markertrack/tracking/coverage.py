@@ -23,6 +23,7 @@ SAMPLES = 1000  # pixels that tell what a marker or its surroundings are like
 RIDGE = 1e-5  # of the squares of the terms, by which a fit is held
 NOISE = 0.1, 0.5  # least and largest of coverage
 DEVIATIONS = 2.5  # of coverage beside a marker that are noise
+LEAST = 0.2  # coverage of a marker above that of what is around it, by which it is scaled
 TERMS = 20  # of a cubic polynomial of red, green and blue
 ON, OFF, DISC, CORE = slice(TERMS), slice(TERMS, 2 * TERMS), 2 * TERMS, 2 * TERMS + 1  # columns of `moments`
 
@@ -79,7 +80,7 @@ class Coverage:
         weights = polynomials(known)
         weights[:, 0] -= (weights * self._around[markers]).sum(axis=1)  # the first term is 1
         own = (weights * known[:, :, CORE]).sum(axis=1)  # less than 1 where other things have its colors
-        weights /= np.maximum(own, EVEN)[:, None]
+        weights /= np.maximum(own, LEAST)[:, None]
         squares = np.einsum("mi,mij,mj->m", weights, known[:, :, OFF], weights)
         noise = np.clip(DEVIATIONS * np.sqrt(np.maximum(squares, 0.0)), *NOISE)
         self.weights[markers], self.clear[markers] = np.column_stack([weights, noise]), own > EVEN

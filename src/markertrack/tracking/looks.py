@@ -17,7 +17,8 @@ from markertrack.tracking.patches import Patches
 from markertrack.tracking.radii import LEAST_DETAIL, own_radii
 from markertrack.tracking.spots import MOST_UNEQUAL, SHARP, WHOLE, SpotFinder, Spots, streak_lengths
 from markertrack.tracking.tags import dictionary_at
-from markertrack.tracking.tracker import AGREE, DETAIL, EVEN, RATE, Array, Image, Mask, check_points, contradict, inside
+from markertrack.tracking.tracker import AGREE, DETAIL, EVEN, EXACT, RATE, Image, check_points, contradict, inside
+from swimbase.arrays import Array, Mask
 from swimbase.errors import TrackingError
 
 CLICK_SHARE = 0.7  # of the radius by which a point may be beside the spot's center
@@ -25,7 +26,6 @@ LONGEST = 3.0  # ratio of the axes of a marker
 BESIDE = 5.0  # radii within which a spot that wasn't clicked is named
 NEARBY = 8.0  # radii, besides its step, within which a marker is looked for by its picture
 MOST_STREAK = 1.3  # of a marker's step, with a shutter that is always open and a speed that changes
-SOFT = 1.0  # px² by which blur spreads a spot
 ROOMS = 1.5, 2.7  # radii around a point, to each side, that its spot may fill
 LEAST_SOLIDITY = 0.9  # of a marker's spot: less has a part of something else
 RING_SHARE = 0.15  # of a radius that a ring is beside the point, and of its variance
@@ -281,7 +281,7 @@ def _own(finder: SpotFinder, image: Image, points: Array, radii: Array, room: fl
         good &= share < MOST_UNEQUAL**2
     good &= mean + half < LONGEST**2 * _across(moments)
     good &= np.bincount(own[good], minlength=len(spots))[own] <= 1
-    spread = 4 * np.pi * (np.sqrt(np.maximum(mean**2 - half**2, 0)) - SOFT) / area
+    spread = 4 * np.pi * (np.sqrt(np.maximum(mean**2 - half**2, 0)) - EXACT[0] ** 2) / area
     solidity = 1 / np.maximum(spread, 1.0)
     # a ring, or a disc with a hub: round about the point
     ring = (away.min(axis=1) < RING_SHARE * radii + 1.0) & (half < RING_SHARE * mean) & (solidity > EVEN)

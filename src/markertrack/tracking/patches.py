@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from markertrack.tracking.tracker import DETAIL, EVEN, Array, Image
+from markertrack.tracking.tracker import DETAIL, FAINT, Array, Image
 
 RIM = 1.6  # radii of a marker's picture
 STEP_TURN, STEP_SIZE = np.deg2rad(8), 1.06  # by which a picture is tried turned, and larger or smaller
@@ -181,7 +181,7 @@ def _contrast(picture: Picture, mask: Picture) -> float:
 def _peaks(scores: Picture, window: Picture, place: Array, patch: _Patch) -> list[_Peak]:
     """The highest of all places that are higher than those around them, to a fraction of a pixel."""
     mask, side = _mask(patch), len(patch.recent)
-    least = EVEN * _contrast(patch.recent, mask)
+    least = FAINT * _contrast(patch.recent, mask)
     middle = (len(scores) - 1) / 2
     offsets = np.arange(len(scores)) - middle
     near = scores - MOST_WEIGHT * (offsets**2 + (offsets**2)[:, None]) / max(middle, 1.0) ** 2

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from markertrack.tracking.tracker import EVEN, Array, Image, Mask
+from markertrack.tracking.tracker import FAINT, Array, Image, Mask
 
 SECTORS = 8  # directions from a point: a marker ends in all of them, what it is on doesn't
 LEAST_DETAIL = 8.0  # levels of a camera, above its noise
@@ -28,7 +28,7 @@ def own_radii(image: Image, points: Array) -> Array:
     unusual = np.log(radii / _radius_of(radii, sizes)) / UNEQUAL
     strongest = radii[np.argmax(sizes * np.exp(-(unusual**2) / 2), axis=1)]
     weak = np.quantile(ways.max(axis=2), 0.25, axis=1)  # where it is on something wide, no other edge outshines its own
-    clear = _peaks(ways) & (ways > np.maximum(EVEN * weak, LEAST_DETAIL)[:, None, None])
+    clear = _peaks(ways) & (ways > np.maximum(FAINT * weak, LEAST_DETAIL)[:, None, None])
     aside = np.abs(np.log(radii / _radius_of(radii, np.quantile(ways, 0.25, axis=1))))
     edges = np.where(clear.any(axis=2), radii[np.where(clear, aside, np.inf).argmin(axis=2)], np.inf)
     inner = np.median(edges, axis=1)
@@ -38,7 +38,7 @@ def own_radii(image: Image, points: Array) -> Array:
 def _radius_of(radii: Array, changes: Array) -> float:
     change = np.median(changes, axis=0)
     if len(changes) == 1:  # it may be on something round: its own edge is the inner one
-        return float(radii[int(np.argmax(_peaks(change) & (change > EVEN * change.max())))])
+        return float(radii[int(np.argmax(_peaks(change) & (change > FAINT * change.max())))])
     return float(radii[int(np.argmax(change))])
 
 

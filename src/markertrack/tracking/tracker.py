@@ -13,6 +13,7 @@ from swimbase.errors import TrackingError
 Image = NDArray[np.uint8]
 
 EVEN = 0.5  # likelihood, likeness or share above which something is rather so than not
+FAINT = 0.4  # of a contrast, below which an edge or a picture is noise or texture
 AGREE = 0.5, 3.0  # radii, or px, within which two say the same of where a marker is
 EXACT = 1.0, 0.1  # px, or radii, to which a place is known
 DETAIL = 10.0  # px radius up to which pictures of markers are compared in full detail
