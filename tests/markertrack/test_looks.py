@@ -6,7 +6,7 @@ import pytest
 from test_tags import PLACES
 from test_tags import picture as tagged
 
-from markertrack.tracking.looks import Looks
+from markertrack.tracking.looks import Looks, squares
 from swimbase.errors import TrackingError
 
 HEIGHT, WIDTH = 180, 310
@@ -87,6 +87,16 @@ def test_centers_and_areas_are_right_whatever_a_marker_looks_like(markers, given
         assert looks.plain.all()
         assert np.linalg.norm(looks.points - GRID, axis=1).max() < close
         np.testing.assert_allclose((looks.radii / radii) ** 2, 1.0, atol=0.2)
+
+
+def test_half_of_something_larger_isnt_like_a_marker():
+    looks = Looks(picture(*discs(7.0)), GRID)
+    larger = picture(*discs(7.0)[1:], (away(GRID[0], (14.0, 7.0), 0.4)[0] < 1, INK))
+    spots = looks.find(larger, squares(GRID, 20.0))
+    likeness = looks.likeness(spots, GRID, np.zeros(len(GRID)))
+    near = np.linalg.norm(spots.centers - GRID[0], axis=1) < 20
+    assert near.any()
+    assert likeness[0, near].max() < 0.5 < likeness[0, ~near].min()
 
 
 def block(top, half_width=30.0):
