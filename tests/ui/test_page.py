@@ -98,7 +98,7 @@ def test_from_a_film_to_a_fit_by_clicks(folder, page):
         page.wait_for_timeout(3000)
         shows(page, "#status", "All 9 are placed")
         page.click("#tofit")
-        shows(page, "#trials", "mm")
+        shows(page, "#trials output", "mm")
         before = page.inner_text("#trials output")
         slid(page, 0.9)
         playwright.expect(page.locator("#trials output").first).not_to_have_text(before, timeout=LONG)
@@ -239,7 +239,7 @@ def test_a_lost_tunnel_loses_nothing(folder, page, how):
         page.click("#track")
         shows(page, "#status", "correction")
         page.click("#tofit")
-        shows(page, "#trials", "mm")
+        shows(page, "#trials output", "mm")
         before = page.inner_text("#trials output")
         tunnel.state = how
         slid(page, 0.9)
