@@ -137,8 +137,7 @@ class Things:
             radii = np.full(len(last), self.radius)
             moves = self._flow.follow(image, last, radii, last - earlier)
             there = (last + moves.steps)[:, None]
-            good = (moves.errors < np.maximum(EXACT[0], EXACT[1] * radii))[:, None]
-            good = good & ~contradict(there, places, self.radius)
+            good = moves.agree(radii)[:, None] & ~contradict(there, places, self.radius)
             near = np.where(good, 1 / (1 + np.linalg.norm(there - places, axis=2)), 0.0)
             for before, after in zip(*linear_sum_assignment(near, maximize=True), strict=True):
                 if good[before, after]:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from markertrack.tracking.body import STIFF, Body
 from markertrack.tracking.looks import Looks, squares
 from markertrack.tracking.rigid import LEAD, Expected, Labeled, distance, label, rigid_fit
-from markertrack.tracking.spots import WHOLE, Spots, streaks
+from markertrack.tracking.spots import Spots, are_whole, streaks
 from markertrack.tracking.tracker import AGAIN, DOUBT, EXACT, Array, Image, Mask, inside
 
 FAR = 4.0  # times how far a body may easily be from where it is expected: a push, or a mistake
@@ -226,7 +226,7 @@ class Bodies:
         radii = self._looks.radii
         allowed = 0.3 * radii + 1.0
         confidence = (0.5 + 0.5 * np.minimum(found.fills, 1.0)) * (1 - 0.3 * np.minimum(found.off / allowed, 1.0) ** 2)
-        sure = (found.shares > 1 / WHOLE) & (found.shares < WHOLE) & (found.off < allowed)
+        sure = are_whole(found.shares) & (found.off < allowed)
         return np.where(sure, confidence, np.minimum(confidence, DOUBT))
 
 

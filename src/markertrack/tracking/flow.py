@@ -38,6 +38,10 @@ class Moves(NamedTuple):
     growths: Array
     errors: Array
 
+    def agree(self, radii: Array) -> Mask:
+        """Whether the points of each agree, by the markers' radii (M,) [px]. Shape (M,)."""
+        return self.errors < np.maximum(EXACT[0], EXACT[1] * radii)
+
 
 class Flow:
     """Follows the markers from the last picture to the next."""

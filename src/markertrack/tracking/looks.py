@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from markertrack.tracking.labeling import find_blobs
 from markertrack.tracking.patches import Patches
 from markertrack.tracking.radii import LEAST_DETAIL, own_radii
-from markertrack.tracking.spots import MOST_UNEQUAL, SHARP, WHOLE, SpotFinder, Spots, streak_lengths
+from markertrack.tracking.spots import MOST_UNEQUAL, SHARP, SpotFinder, Spots, are_whole, streak_lengths
 from markertrack.tracking.tags import dictionary_at
 from markertrack.tracking.tracker import AGREE, DETAIL, EVEN, EXACT, RATE, Image, check_points, contradict, inside
 from swimbase.arrays import Array, Mask
@@ -145,8 +145,8 @@ class Looks:
         radius = self.radii[marker : marker + 1]
         finder = SpotFinder(image, place[None], radius)
         own = _own(finder, image, place[None], radius, ROOMS[0])
-        share = float(own.areas[0] / self._areas[marker])
-        same = 1 / WHOLE < share < WHOLE and not contradict(own.centers[0], place, radius[0])
+        share = own.areas[0] / self._areas[marker]
+        same = are_whole(share) and not contradict(own.centers[0], place, radius[0])
         if own.solidity[0] < LEAST_SOLIDITY or not same:
             return None
         ours = self._finder

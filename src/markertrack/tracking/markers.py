@@ -23,7 +23,7 @@ from markertrack.tracking.flow import Flow, Moves
 from markertrack.tracking.looks import NEARBY, Looks, squares
 from markertrack.tracking.patches import SURELY
 from markertrack.tracking.spots import Spots
-from markertrack.tracking.tracker import AGAIN, AGREE, DOUBT, EVEN, EXACT, Image, check_order, contradict, inside
+from markertrack.tracking.tracker import AGAIN, AGREE, DOUBT, EVEN, Image, check_order, contradict, inside
 from swimbase.arrays import Array, Mask
 
 REASONS = "nothing like it is found", "others like it are near", "it doesn't look as it did"
@@ -137,7 +137,7 @@ class MarkerTracker:
     def _carried(self, image: Image, asked: Mask, laid: Array) -> tuple[Moves, Mask, Array]:
         """How flow moves the markers that it is asked for, which it carries on, and where all are expected then."""
         moves = self._flow.follow(image, np.where(asked[:, None], self._places, np.nan), self.radii, self._steps)
-        carried = moves.errors < np.maximum(EXACT[0], EXACT[1] * self.radii)
+        carried = moves.agree(self.radii)
         there = self._places + moves.steps
         carried &= inside(there, image) & ~self._stayed(image, there, carried)
         carried &= ~self._lost | (self._agreed > 0)  # from where it isn't, flow leads nowhere

@@ -160,7 +160,7 @@ class SpotFinder:
         corner, part = self._part(image, np.hstack([at - reach, at + reach]).astype(np.int64))
         found = together(part, self.coverage.weights[of], at - corner, radii)
         found[:, :2] += corner
-        whole = (np.abs(np.log2(found[:, 2])) < np.log2(WHOLE)) & (found[:, 6] >= EVEN)
+        whole = are_whole(found[:, 2]) & (found[:, 6] >= EVEN)
         whole &= np.linalg.norm(found[:, :2] - at, axis=1) < radii
         found, of = found[whole], of[whole]
         square = (self.radii[of] ** 2)[:, None]
@@ -189,6 +189,11 @@ def _kinds(coverage: Coverage, radii: Array) -> NDArray[np.int64]:
             same[m] = True
             kinds[same] = kinds.max() + 1
     return kinds
+
+
+def are_whole(shares: Array) -> Mask:
+    """Whether spots are one whole marker, by their areas as shares of its own. Shapes (...) twice."""
+    return (shares > 1 / WHOLE) & (shares < WHOLE)
 
 
 def streak_lengths(moments: Array) -> Array:
